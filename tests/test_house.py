@@ -1,11 +1,15 @@
-"""What import-linter's contracts in pyproject.toml do not see: imports by name, packages that are installed, folders."""
+"""Imports by name, which import-linter does not see, and their cost; public names; folders and packages."""
 
 from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from fnmatch import fnmatch
 from pathlib import Path
+
+import pytest
 
 import clshade
 from clshade.cli import main
@@ -25,22 +29,11 @@ BY_NAME = {
 }
 
 
-def test_few_modules_import_by_name():
+def test_few_modules_import_by_name_and_their_tables_name_what_their_rooms_may_import():
     calls = re.compile(r"\b(import_module|__import__|run_module|run_path|spec_from_file_location|exec|eval)\b\(?")
-    users = {
-        name
-        for name, source in SOURCES.items()
-        if calls.search(re.sub(r"literal_eval|import import_module", "", source))
-    }
-    assert users == set(BY_NAME)
-    for name, argument in BY_NAME.items():
-        assert argument in SOURCES[name], name
-
-
-def test_tables_name_modules_that_their_rooms_may_import():
-    homes = {*clshade._HOMES.values(), *main._MODULES.values(), *clshade.view._HOMES.values()}
-    for home in homes:
-        assert (PACKAGE / (home.removeprefix("clshade.").replace(".", "/") + ".py")).is_file() or home.count(".") == 1
+    plain = {name: re.sub(r"literal_eval|import import_module", "", source) for name, source in SOURCES.items()}
+    assert {name for name, source in plain.items() if calls.search(source)} == set(BY_NAME)
+    assert all(argument in SOURCES[name] for name, argument in BY_NAME.items())
     assert {home.split(".")[1] for home in clshade.view._HOMES.values()} == {"view"}
     assert {home.split(".")[1] for home in main._MODULES.values()} == {"cli"}
     assert main._MODULES.keys() == main.COMMANDS.keys()
@@ -62,6 +55,30 @@ def test_the_top_level_is_as_small_as_it_can_be():
     assert visible == {"pyproject.toml", "README.md", "clshade", "kernels", "demos", "tests"}
 
 
+def test_the_oracle_never_reads_the_kernels():
+    """It imports nothing that reads files; without `open` it shares no text with them."""
+    for name, source in SOURCES.items():
+        if name.startswith("oracle/"):
+            assert not re.search(r"\b(open|read_text|read_bytes|fromfile|loadtxt)\(", source), name
+
+
+# Public names
+
+
+def test_every_public_name_can_be_had_and_is_seen_by_type_checkers():
+    assert all(getattr(clshade, name) is not None for name in clshade.__all__)
+    assert dir(clshade) == sorted(clshade.__all__)
+    tree = ast.parse(SOURCES["__init__.py"])
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    relative = [(alias.asname, node.module) for node in block.body for alias in node.names if node.level]
+    assert {name: f"clshade.{module or name}" for name, module in relative} == clshade._HOMES
+    assert (PACKAGE / "py.typed").is_file()
+    assert "py.typed" in (ROOT / "pyproject.toml").read_text()
+    with pytest.raises(AttributeError) as caught:
+        clshade.rendr  # noqa: B018
+    assert (caught.value.name, caught.value.obj) == ("rendr", clshade)  # used for the hint of a traceback
+
+
 def test_no_module_has_the_name_of_a_public_function():
     """`import clshade.load` would otherwise replace the function by the module."""
     functions = {name for name, home in clshade._HOMES.items() if home != f"clshade.{name}"}
@@ -69,8 +86,39 @@ def test_no_module_has_the_name_of_a_public_function():
     assert not functions & {name.split("/")[0].removesuffix(".py") for name in SOURCES}
 
 
-def test_the_oracle_never_reads_the_kernels():
-    """It imports nothing that reads files; without `open` it shares no text with them."""
-    for name, source in SOURCES.items():
-        if name.startswith("oracle/"):
-            assert not re.search(r"\b(open|read_text|read_bytes|fromfile|loadtxt)\(", source), name
+def test_every_path_of_the_documents_can_be_had():
+    """Except in the list of changes, which names former ones."""
+    documents = [ROOT / "README.md", *PACKAGE.rglob("README.md")]
+    text = "\n".join(path.read_text() for path in documents)
+    paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
+    assert {".farm.draw_frames", ".exr.read", ".load"} <= paths
+    for path in sorted(paths):
+        target: object = clshade
+        for name in path[1:].split("."):
+            target = getattr(target, name)
+
+
+HEAVY = ("numpy", "pyopencl", "OpenEXR", "matplotlib", "PIL", "trimesh", "scipy", "dask", "distributed")
+# Commands whose settings have the choices of scene.py.
+DRAWING = ("render", "turntable", "animate", "poster", "grade", "report", "stability", "bench", "view")
+PARSERS = "from clshade.cli import main; [main._parser([name]) for name in main.COMMANDS if name {} {}]"
+
+
+@pytest.mark.parametrize(
+    ("code", "allowed"),
+    [
+        ("import clshade", ()),
+        (
+            "import clshade; clshade.Scene, clshade.load, clshade.builtin, clshade.exr.read, clshade.view",
+            ("numpy",),
+        ),
+        ("import clshade; clshade.course.light, clshade.farm.draw_frames", ("numpy", "pyopencl")),
+        (PARSERS.format("not in", DRAWING), ()),
+        (PARSERS.format("in", DRAWING), ("numpy",)),
+    ],
+)
+def test_importing_costs_nothing_that_is_not_used(code, allowed):
+    shown = f"{code}; import sys; print(*(n for n in {HEAVY} if n in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", shown], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert set(done.stdout.split()) <= set(allowed)

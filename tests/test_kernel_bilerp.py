@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from devices import skip_unsupported
 from kernel_stages import Probe, float32, mask, split
-from processes import python
 
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages
-from clshade.pipeline.opencl import environment
 from clshade.pipeline.programs import build
 from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.model import Texture
@@ -116,24 +113,6 @@ kernel void texels(global const REAL *high, global const REAL *low, global const
 """
 
 
-def test_indices_stay_in_the_image_and_fractions_between_0_and_1(device):
-    """Random bit patterns as coordinates; sizes up to the largest."""
-    rng = np.random.default_rng(2)
-    count = 16 * 2000
-    high, low = (rng.integers(0, 2**32, count, np.uint32).view(np.float32) for _ in range(2))
-    low[::2] = 0.0
-    near = rng.uniform(-3, 3, count // 2).astype(np.float32)
-    high[: count // 2] = near
-    low[: count // 2] = near * rng.uniform(-(2.0**-24), 2.0**-24, count // 2).astype(np.float32)
-    sizes, wraps, lookups = (
-        np.repeat(rng.choice(values, count // 16), 16).astype(np.int32)
-        for values in ([1, 2, 3, 1000, 32768], [0, 1, 2], [0, 1])
-    )
-    texels = Probe(device, FOOTPRINT)("texels", high, low, sizes, wraps, lookups, width=3)
-    assert ((texels[:, :2] >= 0) & (texels[:, :2] < sizes[:, None])).all()
-    assert ((texels[:, 2] >= 0.0) & (texels[:, 2] <= 1.0)).all()
-
-
 def shares_of(u: Fraction, size: int, lookup: str, wrap: str) -> dict[int, Fraction]:
     """Return the exact weight of each texel of a row at coordinate u."""
     held = min(max(u, Fraction(0)), Fraction(1))
@@ -191,61 +170,3 @@ def test_texels_across_the_seam(device, precision, lanes):
         wrong = max(abs(float(expected.get(i, 0)) - shares.get(i, 0.0)) for i in {*expected, *shares})
         within = unit * unit * (3.0 * abs(float(u)) + 4.0)
         assert wrong <= 2.0 * unit + within * int(sizes[k]), (float(high[k]), float(low[k]), k)
-
-
-def test_the_tables_hold_what_the_textures_say():
-    table, texels = texture_tables(TEXTURES[: len(KINDS) * 2])
-    offset = 0
-    for row, chosen in zip(table, TEXTURES[: len(KINDS) * 2], strict=True):
-        rows, columns, _ = chosen.image.shape
-        assert (row["offset"][0], row["width"], row["height"]) == (offset, columns, rows)
-        assert row["wrap"].tolist() == [struct_layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in chosen.wrap]
-        assert row["lookup"] == struct_layout.CONSTANTS[f"LOOKUP_{chosen.lookup.upper()}"]
-        assert np.array_equal(texels[offset : offset + rows * columns, :3], chosen.image.reshape(-1, 3))
-        offset += rows * columns
-    assert len(texels) == offset
-
-
-GUARDED = """
-import ctypes, mmap, sys
-import numpy as np
-from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.launches import stages_of
-from clshade.pipeline.opencl.device import open_device
-from clshade.pipeline.shading_tables import split_uvs, texture_tables
-from clshade.scene.model import Texture
-
-def at_the_end(array):
-    # A copy that ends where memory ends that can be read.
-    page = mmap.PAGESIZE
-    size = -(-array.nbytes // page) * page
-    memory = mmap.mmap(-1, size + page)
-    start = ctypes.addressof(ctypes.c_char.from_buffer(memory))
-    assert ctypes.CDLL(None).mprotect(ctypes.c_void_p(start + size), page, 0) == 0
-    copy = np.frombuffer(memory, array.dtype, array.size, size - array.nbytes).reshape(array.shape)
-    copy[:] = array
-    return copy
-
-device = open_device(sys.argv[1])
-stages = stages_of(device, "bilerp.cl", int(sys.argv[2]))
-table, texels = texture_tables([Texture(np.random.default_rng(1).random((3, 5, 3), np.float32))])
-uvs = split_uvs(np.random.default_rng(2).random((5, 2)))
-outputs = []
-for place in (np.array, at_the_end):
-    inputs = [Buffer(device, place(array)) for array in (uvs, np.zeros(5, np.int32), table, texels)]
-    colors = Buffer(device, place(np.zeros((5, 4), np.float32)))
-    values = dict(zip(("uvs", "texture_of", "textures", "texels"), inputs))
-    stages.run("bilerp", stages.vectors(5), values, colors=colors, count=5)
-    outputs.append(colors.to_host().tobytes())
-print(outputs[0] == outputs[1])
-"""
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("lanes", [4, 16])
-def test_nothing_is_read_beyond_the_arrays(device, lanes):
-    """An unreadable page follows each array: on a CPU that uses host memory in place, a read too far crashes."""
-    if not (sys.platform == "linux" and device.is_cpu):
-        pytest.skip("memory of the host is not used")
-    done = python(GUARDED, environment.cache_home(), device.index, str(lanes), timeout=120.0)
-    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr[-2000:]

@@ -12,7 +12,6 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.camera_space import sample_positions
 
 TILE, PIXEL = struct_layout.TILE_SIZE, coverage.SUBPIXELS
-FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
 def triangles(seed: int, count: int = 1500) -> np.ndarray:
@@ -29,7 +28,7 @@ def triangles(seed: int, count: int = 1500) -> np.ndarray:
 def set_up(device, xy: np.ndarray, resolution: tuple[int, int], places: np.ndarray | None = None) -> Pipeline:
     """Return the pipeline with the visible triangles in a random order. places: sample positions (S, 2)."""
     several = {} if places is None else {"image": samples_at(places), "SAMPLES": 1}
-    pipeline = Pipeline(device, FILES, resolution, OWNERS=1, **several)
+    pipeline = Pipeline(device, resolution, **several)
     pipeline.set_up_apart(xy, np.random.default_rng(9).uniform(1, 2, (len(xy), 3)))
     pipeline.ordered(np.random.default_rng(8).permutation(pipeline.sort()))
     return pipeline
@@ -102,20 +101,6 @@ def test_chunks_and_parts_change_nothing(device, chunk, parts):
     pipeline.bin(min(chunk, pipeline.visible), parts)
     assert np.array_equal(pipeline.starts.array, starts)
     assert np.array_equal(pipeline.lists.array, entries)
-
-
-def test_an_entrys_box_is_the_triangles_box_within_the_tile(device):
-    resolution = (163, 119)
-    xy = triangles(3)
-    pipeline = set_up(device, xy, resolution)
-    lists, boxes = pipeline.bin(), coverage.setup(xy, *resolution).box
-    entries = pipeline.lists.to_host()
-    tile = np.repeat(np.arange(len(lists)), [len(listed) for listed in lists])
-    corner = np.stack([tile % -(-resolution[0] // TILE), tile // -(-resolution[0] // TILE)], axis=1) * TILE
-    expected = np.clip(boxes[entries["index"]] - np.tile(corner, 2), 0, TILE - 1)
-    assert np.array_equal(entries["box"][:, None] >> np.array([0, 8, 16, 24]) & 0xFF, expected)
-    bounds = pipeline.made.bounds.to_host()
-    assert np.array_equal(entries["nearest"], bounds["nearest"][entries["index"]])
 
 
 def test_without_room_nothing_is_listed_or_drawn(device):

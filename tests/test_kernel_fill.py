@@ -12,7 +12,6 @@ from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.camera_space import sample_positions
 
-FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 PIXEL = coverage.SUBPIXELS
 LOW, HIGH = struct_layout.GUARD_LOW * PIXEL, struct_layout.GUARD_HIGH * PIXEL
 # A triangle as large as the guard band: it covers the image.
@@ -26,7 +25,7 @@ def fill(device, xy, z, resolution, *, places=None, **features) -> np.ndarray:
     places: sample positions (S, 2), with SAMPLES; the owners are those at the first.
     """
     image = None if places is None else samples_at(places)
-    pipeline = Pipeline(device, FILES, resolution, image=image, OWNERS=1, **features)
+    pipeline = Pipeline(device, resolution, image=image, **features)
     pipeline.set_up_apart(xy, z, orthographic=bool(features.get("ORTHOGRAPHIC")))
     face_of_index = np.arange(len(xy))
     pipeline.sort(lambda index: (transform.painter_depth(z[index]), face_of_index[index]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kernel_stages import LANES, Probe, bits
 
-pytestmark = pytest.mark.optimized
+pytestmark = [pytest.mark.optimized, pytest.mark.long]
 
 TEXT = """
 #include "rows.clh"
@@ -55,7 +55,6 @@ def ways(device, request):
     return lanes, Probe(device, ("#define PORTABLE_LANES\n" if portable else "") + TEXT, lanes=lanes)
 
 
-@pytest.mark.sampled
 def test_masks(ways):
     """Whether any lane of a mask is set, how many are, and a value in one of them."""
     lanes, probe = ways
@@ -72,7 +71,6 @@ def test_masks(ways):
         assert picked in row[mask != 0] if mask.any() else picked == 0
 
 
-@pytest.mark.sampled
 def test_columns_of_a_row(ways):
     """Any bits, those of NaNs and of negative numbers too."""
     lanes, probe = ways

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_stages import Pipeline, boxes_of, samples_at, vertices_at
+from kernel_stages import Pipeline, boxes_of, samples_at
 from stage_oracle import hull, seen_from
 
 from clshade.oracle import coverage, transform
@@ -16,9 +16,8 @@ from clshade.pipeline.launches import FrameInFlight
 from clshade.pipeline.triangle_source import set_up_pieces
 
 COLUMNS, ROWS = 61, 43
-LIMIT, PIXEL = struct_layout.SNAP_LIMIT, coverage.SUBPIXELS
+PIXEL = coverage.SUBPIXELS
 COUNTED = ("visible", "between_samples", "off_screen", "zero_area", "back_facing")
-FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
 def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
@@ -34,11 +33,6 @@ def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     xy[2::7] = xy[2::7] // PIXEL * PIXEL + coverage.HALF + rng.choice([-1, 0, 1, 255, 257], xy[2::7].shape)
     xy = np.clip(xy, struct_layout.GUARD_LOW * PIXEL, struct_layout.GUARD_HIGH * PIXEL)
     return xy, np.exp2(rng.uniform(-3, 3, (count, 3)))
-
-
-def aside(xy: np.ndarray) -> np.ndarray:
-    """Return which triangles are entirely to one side of the image."""
-    return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * PIXEL).all(axis=1)).any(axis=1)
 
 
 def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
@@ -69,7 +63,7 @@ def test_areas_boxes_and_culls(device, count, cull):
     """The box is the union of all samples' boxes, and a pixel is covered at any sample."""
     (xy, z), places = triangles(), sample_positions(count)
     several = {"image": samples_at(places), "SAMPLES": 1} if count > 1 else {}
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull, **several)
+    pipeline = Pipeline(device, (COLUMNS, ROWS), CULL=cull, **several)
     counters = pipeline.set_up_apart(xy, z)
     area, box, covers = coverage.signed_area(xy), hull(xy, places, (COLUMNS, ROWS)), np.zeros(len(xy), bool)
     for moved in seen_from(xy, places):
@@ -91,60 +85,13 @@ def test_areas_boxes_and_culls(device, count, cull):
     assert np.array_equal(made["face"], visible)
 
 
-@pytest.mark.parametrize("cull", [0, 1])
-def test_counters_say_why(device, cull):
-    """Each face counts once, by the first reason: outside the image, no area, winding, samples or the image's
-    border."""
-    xy, z = triangles()
-    counters = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull).set_up_apart(xy, z)
-    area, _, _ = coverage.setup(xy, COLUMNS, ROWS)
-    first, last = -((coverage.HALF - xy.min(axis=1)) // PIXEL), (xy.max(axis=1) - coverage.HALF) // PIXEL
-    beside = aside(xy)
-    line = (area == 0) & ~beside
-    back = (area < 0) & bool(cull) & ~beside
-    rest = ~(beside | line | back)
-    between = rest & (first > last).any(axis=1)
-    missed = rest & ~between & ((last < 0) | (first > [COLUMNS - 1, ROWS - 1])).any(axis=1)
-    left = rest & ~between & ~missed
-    assert counters["zero_area"] == line.sum() > 0
-    assert counters["back_facing"] == back.sum()
-    assert back.any() == bool(cull)
-    assert counters["off_screen"] == beside.sum() + missed.sum()
-    assert missed.any()
-    # Triangles between samples, except those rejected by their box, are the remaining ones that are not visible.
-    assert counters["visible"] + counters["between_samples"] == left.sum() + between.sum()
-    assert counters["between_samples"] >= between.sum() > 0
-    assert counters["to_clip"] == counters["behind"] == 0
-
-
-def test_faces_that_cross_are_left_to_the_clipper(device):
-    """One or two corners behind the near plane, or one beyond the guard band; never faces entirely outside the
-    image."""
-    inside = [[10 * PIXEL, 10 * PIXEL], [40 * PIXEL, 10 * PIXEL], [20 * PIXEL, 30 * PIXEL]]
-    far = [[-LIMIT, 10 * PIXEL], [40 * PIXEL, 10 * PIXEL], [20 * PIXEL, 30 * PIXEL]]
-    left = [[-LIMIT, 10 * PIXEL], [-5, 10 * PIXEL], [-5, 30 * PIXEL]]
-    edge = [[0, 10 * PIXEL], [-5, 10 * PIXEL], [-5, 30 * PIXEL]]
-    high = [[10 * PIXEL, LIMIT], [40 * PIXEL, ROWS * PIXEL + 1], [20 * PIXEL, ROWS * PIXEL + 1]]
-    xy = np.array([inside] * 5 + [far, left, edge, high, far])
-    z = np.full((10, 3), 2.0)
-    z[1, 0], z[2, :2], z[3], z[4, 1], z[9] = 0.5, 0.5, 0.5, -1.0, 0.5
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
-    counters = pipeline.set_up_apart(xy, z, near=1.0)
-    assert sorted(pipeline.made.to_clip.to_host(int(counters["to_clip"])).tolist()) == [1, 2, 4, 5]
-    assert sorted(pipeline.sort().tolist()) == [0]
-    assert counters["behind"] == 2  # faces 3 and 9
-    assert counters["off_screen"] == 2  # left and high
-    assert counters["zero_area"] == 0
-    assert counters["between_samples"] == 1  # edge
-
-
 DEPTHS = (0.0, -0.0, 5e-324, 1e-30, np.nextafter(1.0, 0), 1.0, np.nextafter(1.0, 2), 1e6, 1e6 + 2**-33, 1e30, 1e300)
 
 
 def deep(device, z: np.ndarray, **features: int) -> tuple[Pipeline, np.ndarray]:
     """Set up visible triangles of these depths (F, 3), with the near plane far behind the eye."""
     xy = np.tile(np.array([[[0, 0], [35 * PIXEL, 0], [0, 35 * PIXEL]]]), (len(z), 1, 1))
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, **features)
+    pipeline = Pipeline(device, (COLUMNS, ROWS), **features)
     assert pipeline.set_up_apart(xy, z, near=-np.inf)["visible"] == len(z)
     return pipeline, z
 
@@ -159,15 +106,6 @@ def test_painters_keys_order_mean_depths(device):
     assert np.array_equal(order, coverage.painter_order(z, np.ones(len(z), bool)))
 
 
-def test_painters_keys_alone_order_by_40_bits(device):
-    """A depth's first 40 bits: sign, exponent and 28 of the mantissa; depths further apart than 2^-28 are in order."""
-    rng = np.random.default_rng(3)
-    depth = np.exp2(rng.uniform(-40, 40, 4000)) * rng.choice([-1.0, 1.0], 4000)
-    pipeline, z = deep(device, depth[:, None] + np.zeros(3))
-    ordered = transform.painter_depth(z)[pipeline.sort()]
-    assert (np.diff(ordered) > -(2.0**-28) * np.abs(ordered[1:])).all()
-
-
 def test_depth_keys_order_nearest_corners(device):
     rng = np.random.default_rng(4)
     pipeline, z = deep(device, np.exp2(rng.uniform(-10, 10, (4000, 3))), DEPTH_TEST=1)
@@ -177,24 +115,11 @@ def test_depth_keys_order_nearest_corners(device):
     assert not np.array_equal(pipeline.sort(), mean_order)  # the two kinds of keys differ here
 
 
-def test_shared_vertices_and_a_count_that_fills_no_run(device):
-    """Faces through an index buffer; 256 faces per work-item, so 257 leave one for the next."""
-    for count in (1, 255, 256, 257, 1000):
-        xy = np.array([[0, 0], [35, 0], [0, 35], [35, 35]]) * PIXEL
-        faces = np.tile(np.array([[0, 1, 2], [1, 3, 2]]), (count, 1))[:count]
-        pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
-        counters = pipeline.set_up(vertices_at(device, xy, np.arange(1.0, 5.0)), faces)
-        assert counters["visible"] == count
-        assert sorted(pipeline.sort().tolist()) == list(range(count))
-        made = pipeline.made.triangles.to_host()
-        assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[faces])
-
-
-@pytest.mark.parametrize("first_face", [0, 1 << 24])
-def test_setup_pieces(device, first_face):
+def test_setup_pieces(device):
     """Pieces follow the faces, with their own depth as key and the index of their face."""
+    first_face = 1 << 24
     xy, z = triangles(400)
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
+    pipeline = Pipeline(device, (COLUMNS, ROWS))
     face_count = first_face + 7
     made = TriangleBuffers(device, face_count, len(xy))
     counted = Buffer(device, np.zeros(1, struct_layout.SINGLE.Counters))

@@ -7,11 +7,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import get_args
 
-import pytest
-
 from clshade.base.declare import facts_of
-from clshade.images import layers
-from clshade.scene import material, model, settings, texture
+from clshade.images import exr, layers, tonemap
+from clshade.scene import framing, material, model, settings, texture
 
 
 def test_the_keywords_of_render_are_the_fields_of_settings():
@@ -20,51 +18,34 @@ def test_the_keywords_of_render_are_the_fields_of_settings():
     assert set(settings.RenderOptions.__annotations__) == {*names, "resolution"}
     assert set(settings.FrameOptions.__annotations__) == {*names, "resolution", "preset", "settings"}
     assert not settings.SettingsFields.__required_keys__ | settings.FrameOptions.__required_keys__
+    choices = {name: facts.choices for name, facts in facts_of(settings.Settings, "declared").items() if facts.choices}
+    assert "shader" in choices
+    for name, values in choices.items():
+        annotation = settings.SettingsFields.__annotations__[name].__forward_arg__
+        assert get_args(getattr(settings, annotation)) == values
+        assert settings.Settings.__dataclass_fields__[name].type == annotation
 
 
-CHOICES = {name: facts.choices for name, facts in facts_of(settings.Settings, "declared").items() if facts.choices}
-
-
-@pytest.mark.parametrize("field", CHOICES)
-def test_a_choice_has_the_same_values_for_type_checkers(field):
-    """Each value is accepted, and the annotations of the keyword and of the field both name the literal."""
-    for value in CHOICES[field]:
-        assert getattr(settings.Settings(**{field: value}), field) == {"fast": "float32"}.get(value, value)
-    annotation = settings.SettingsFields.__annotations__[field].__forward_arg__
-    assert get_args(getattr(settings, annotation)) == CHOICES[field]
-    assert settings.Settings.__dataclass_fields__[field].type == annotation
-
-
-@pytest.mark.parametrize(
-    ("literal", "choices"),
-    [
+def test_choices_are_the_values_that_are_taken():
+    for literal, values in (
         (settings.Shader, settings.SHADERS),
         (settings.Precision, settings.PRECISIONS),
         (settings.Preset, settings.PRESETS),
+        (settings.Layer, layers.LAYERS),
         (texture.Wrap, texture.WRAPS),
         (material.Sides, material.SIDES),
-    ],
-)
-def test_other_choices_too(literal, choices):
-    assert get_args(literal) == choices
-
-
-def test_layers_have_the_kinds_of_the_table():
+        (tonemap.Operator, tonemap.OPERATORS),
+        (exr.Compression, exr.COMPRESSIONS),
+        (framing.Up, framing.UPS),
+    ):
+        assert set(get_args(literal)) == set(values)
     by_kind = {"uint32": layers.NumberLayer, "float64": layers.PointLayer, "real": layers.RealLayer}
     for kind, literal in by_kind.items():
         assert set(get_args(literal)) == {name for name, row in layers.LAYER_TABLE.items() if row.kind == kind}
-    assert set(get_args(settings.Layer)) == set(layers.LAYERS)
     assert len(layers.LAYER_WORDS) == sum(len(row.words) for row in layers.LAYER_TABLE.values())
 
 
-def test_operators_compressions_and_axes():
-    from clshade.images import exr, tonemap
-    from clshade.scene import framing
-
-    assert get_args(tonemap.Operator) == tonemap.OPERATORS
-    assert get_args(exr.Compression) == exr.COMPRESSIONS
-    assert exr.COMPRESSIONS[-len(exr.LOSSY) :] == tuple(exr.LOSSY)
-    assert get_args(framing.Up) == tuple(framing.UPS)
+ALIASES = dict.fromkeys(("Rows", "Indices"), "ArrayLike | None")
 
 
 def accepted(annotation: str) -> str:
@@ -72,9 +53,6 @@ def accepted(annotation: str) -> str:
     tree = ast.parse(ALIASES.get(annotation, annotation)).body[0].value
     converted = isinstance(tree, ast.Subscript) and ast.unparse(tree.value) == "Converted"
     return ast.unparse(tree.slice.elts[0] if converted else tree)
-
-
-ALIASES = dict.fromkeys(("Rows", "Indices"), "ArrayLike | None")
 
 
 def test_the_keywords_of_a_mesh_are_its_fields():

@@ -14,7 +14,7 @@ from clshade.errors import OutputError
 
 @pytest.fixture
 def kept(tmp_path):
-    """Return a folder with one earlier file; check afterwards that both are unchanged."""
+    """Return an earlier file; check afterwards that it is unchanged and alone in its folder."""
     earlier = tmp_path / "earlier.bin"
     earlier.write_bytes(b"earlier")
     yield earlier
@@ -30,37 +30,27 @@ def refusal(call, *arguments) -> str:
     return text
 
 
-def test_writes_and_replaces(tmp_path):
-    path = tmp_path / "a.bin"
-    atomic_files.write_bytes(path, b"one")
-    atomic_files.write_bytes(str(path), b"two")
-    assert path.read_bytes() == b"two"
-    assert os.listdir(tmp_path) == ["a.bin"]
+def test_files_are_replaced_together_at_the_end(tmp_path):
+    paths = [tmp_path / name for name in "abc"]
+    atomic_files.write_bytes(str(paths[0]), b"earlier")
+    with atomic_files.replacing_all(*paths) as files:
+        for file in files:
+            file.write(b"new")
+            file.flush()
+        assert paths[0].read_bytes() == b"earlier"
+    assert sorted(os.listdir(tmp_path)) == ["a", "b", "c"]
+    assert {path.read_bytes() for path in paths} == {b"new"}
 
 
-def test_the_earlier_file_stays_until_the_end(tmp_path):
-    path = tmp_path / "a.bin"
-    path.write_bytes(b"one")
-    with atomic_files.replacing(path) as file:
-        file.write(b"two")
-        file.flush()
-        assert path.read_bytes() == b"one"
-    assert path.read_bytes() == b"two"
-
-
-@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
-def test_a_new_file_has_the_permissions_the_umask_leaves(tmp_path, umask, mode):
-    before = os.umask(umask)
-    try:
-        atomic_files.write_bytes(tmp_path / "a.bin", b"")
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE((tmp_path / "a.bin").stat().st_mode) == mode
-
-
-def test_a_replaced_file_keeps_its_permissions(tmp_path):
-    path = tmp_path / "a.bin"
-    path.write_bytes(b"")
+def test_permissions_are_kept_or_what_the_umask_leaves(tmp_path):
+    for umask, mode in ((0o022, 0o644), (0o077, 0o600), (0o002, 0o664)):
+        path = tmp_path / f"{umask}.bin"
+        before = os.umask(umask)
+        try:
+            atomic_files.write_bytes(path, b"")
+        finally:
+            os.umask(before)
+        assert stat.S_IMODE(path.stat().st_mode) == mode
     path.chmod(0o640)
     atomic_files.write_bytes(path, b"new")
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
@@ -83,14 +73,21 @@ def test_a_name_as_long_as_the_file_system_takes(tmp_path):
 
 def test_refused_targets(kept):
     folder = kept.parent
-    assert "there is no folder" in refusal(atomic_files.write_bytes, folder / "none" / "a.bin", b"")
-    assert "is not a folder" in refusal(atomic_files.write_bytes, kept / "a.bin", b"")
-    assert "it is a folder" in refusal(atomic_files.write_bytes, folder, b"")
-    assert "it is a folder" in refusal(atomic_files.write_bytes, f"{folder}/new/", b"")
-    assert "not a regular file" in refusal(atomic_files.write_bytes, os.devnull, b"")
+    for path, message in {
+        folder / "none" / "a.bin": "there is no folder",
+        kept / "a.bin": "is not a folder",
+        folder: "it is a folder",
+        f"{folder}/new/": "it is a folder",
+        os.devnull: "not a regular file",
+        f"{folder}/a\0b": "null",
+        folder / "two\nlines" / "a.bin": "'",
+    }.items():
+        text = refusal(atomic_files.write_bytes, path, b"")
+        assert message in text
+        assert refusal(atomic_files.check, path) == text
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
-    assert "null" in refusal(atomic_files.write_bytes, f"{folder}/a\0b", b"")
-    assert refusal(atomic_files.write_bytes, folder / "two\nlines" / "a.bin", b"").startswith("'")
+    atomic_files.check(kept)
+    atomic_files.check(folder / "new")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
@@ -124,15 +121,32 @@ def test_a_file_removed_between_two_looks_at_it(tmp_path, monkeypatch, replaced)
 
 
 @pytest.mark.parametrize("operation", ["open", "fsync", "replace", "fchmod"])
-@pytest.mark.parametrize("number", [errno.EACCES, errno.ENOSPC, errno.EROFS, errno.EIO])
-def test_a_failing_step(kept, monkeypatch, operation, number):
+def test_a_failing_step(kept, monkeypatch, operation):
     def fail(*arguments, **options):
-        raise OSError(number, os.strerror(number))
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, operation, fail)
     text = refusal(atomic_files.write_bytes, kept, b"new")
     monkeypatch.undo()
-    assert text == f"{kept}: cannot be written: {os.strerror(number)}"
+    assert text == f"{kept}: cannot be written: {os.strerror(errno.ENOSPC)}"
+
+
+def test_a_rename_that_fails_undoes_those_before_it(kept, monkeypatch):
+    replace, targets = os.replace, []
+
+    def fail_at_the_third(source, target):
+        targets.append(target)
+        if len(targets) == 3:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        replace(source, target)
+
+    def write():
+        with atomic_files.replacing_all(kept, kept.parent / "new.bin", kept.parent / "last.bin") as files:
+            for file in files:
+                file.write(b"new")
+
+    monkeypatch.setattr(os, "replace", fail_at_the_third)
+    assert refusal(write) == f"{kept.parent / 'last.bin'}: cannot be written: {os.strerror(errno.EIO)}"
 
 
 def test_a_file_system_that_cannot_sync(tmp_path, monkeypatch):
@@ -144,25 +158,29 @@ def test_a_file_system_that_cannot_sync(tmp_path, monkeypatch):
     assert (tmp_path / "a.bin").read_bytes() == b"x"
 
 
-@pytest.mark.parametrize("error", [OSError("odd"), MemoryError(), OSError(errno.ENOSPC, "No space left on device")])
-def test_an_error_in_the_block(kept, error):
+@pytest.mark.parametrize(
+    ("error", "raised"),
+    [
+        (OSError("odd"), OutputError),
+        (MemoryError(), OutputError),
+        (OSError(errno.ENOSPC, "No space left on device"), OutputError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+        (SystemExit(), SystemExit),
+        (ValueError(), ValueError),
+    ],
+)
+def test_an_error_while_writing_leaves_nothing(kept, error, raised):
     def use():
-        with atomic_files.replacing(kept) as file:
-            file.write(b"half")
+        paths = kept.parent / "a.bin", kept.parent / "b.bin"
+        with atomic_files.replacing_all(*paths) as files, atomic_files.replacing(kept) as last:
+            for file in (*files, last):
+                file.write(b"half")
             raise error
 
-    assert refusal(use).startswith(f"{kept}: cannot be written: ")
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, ValueError, ZeroDivisionError])
-def test_other_errors_pass_and_leave_nothing(kept, error):
-    def use():
-        with atomic_files.replacing(kept) as file:
-            file.write(b"half")
-            raise error
-
-    with pytest.raises(error):
+    with pytest.raises(raised) as caught:
         use()
+    if raised is OutputError:
+        assert str(caught.value).startswith(f"{kept}: cannot be written: ")
 
 
 def test_a_full_disk(kept):
@@ -170,67 +188,27 @@ def test_a_full_disk(kept):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
     try:
-        text = refusal(atomic_files.write_bytes, kept, bytes(100_001))
-        small = refusal(atomic_files.write_bytes, kept, bytes(2_000_000))
+        texts = [refusal(atomic_files.write_bytes, kept, bytes(count)) for count in (100_001, 2_000_000)]
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert text == small == f"{kept}: cannot be written: {os.strerror(errno.EFBIG)}"
-
-
-# Leftovers of killed processes
+    assert texts == [f"{kept}: cannot be written: {os.strerror(errno.EFBIG)}"] * 2
 
 
 def test_leftovers_of_killed_processes_are_swept_up(tmp_path, monkeypatch):
-    old, new, link = (tmp_path / f".clshade-{digit * 16}.tmp" for digit in "0af")
+    """Old ones of our own, if their names are ours."""
+    old, new, link, foreign = (tmp_path / f".clshade-{digit * 16}.tmp" for digit in "0af1")
     names = tmp_path / ".clshade-notes.tmp", tmp_path / "x.tmp"
-    for file in (old, new, *names):
+    for file in (old, new, foreign, *names):
         file.write_bytes(b"half")
     link.symlink_to(old)
-    for file in (old, *names):
+    for file in (old, foreign, *names):
         os.utime(file, (1, 1))
+    if os.geteuid() == 0:  # only root can give files away
+        os.chown(foreign, 12345, -1)
+    else:
+        foreign.unlink()
+    left = {*os.listdir(tmp_path), "a.bin"} - {old.name}
     atomic_files.write_bytes(tmp_path / "a.bin", b"x")
-    left = {".clshade-notes.tmp", "x.tmp", new.name, link.name, "a.bin"}
     assert set(os.listdir(tmp_path)) == left
     monkeypatch.setattr(os, "scandir", lambda _: pytest.fail("a folder is looked through once in a process"))
     atomic_files.write_bytes(tmp_path / "a.bin", b"y")
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
-def test_leftovers_of_others_stay(tmp_path):
-    left = tmp_path / f".clshade-{'1' * 16}.tmp"
-    left.touch()
-    os.chown(left, 12345, -1)
-    os.utime(left, (1, 1))
-    atomic_files.write_bytes(tmp_path / "a.bin", b"x")
-    assert left.exists()
-
-
-# Several at once
-
-
-def test_all_or_none(tmp_path):
-    paths = [tmp_path / name for name in "abc"]
-    paths[0].write_bytes(b"earlier")
-
-    def fail():
-        with atomic_files.replacing_all(*paths) as files:
-            for file in files:
-                file.write(b"half")
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    with atomic_files.replacing_all(*paths) as files:
-        for file in files:
-            file.write(b"new")
-        assert paths[0].read_bytes() == b"earlier"
-    assert sorted(os.listdir(tmp_path)) == ["a", "b", "c"]
-    assert {path.read_bytes() for path in paths} == {b"new"}
-
-
-def test_check_refuses_what_replacing_refuses(kept):
-    for path in (kept.parent / "none" / "a", kept / "a", kept.parent, f"{kept.parent}/new/", os.devnull, "a\0b"):
-        assert refusal(atomic_files.check, path) == refusal(atomic_files.write_bytes, path, b"")
-    atomic_files.check(kept)
-    atomic_files.check(kept.parent / "new")

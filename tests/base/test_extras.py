@@ -13,10 +13,9 @@ from clshade.base import extras
 
 
 def test_in_a_clone(monkeypatch, tmp_path):
-    monkeypatch.chdir(ROOT)
-    assert extras.how_to_install("film") == "pip install -e '.[film]'"
-    monkeypatch.chdir(tmp_path)
-    assert extras.how_to_install("film") == f"pip install -e '{ROOT}[film]'"
+    for folder, source in ((ROOT, "."), (tmp_path, ROOT)):
+        monkeypatch.chdir(folder)
+        assert extras.how_to_install("film") == f"pip install -e '{source}[film]'"
 
 
 @pytest.mark.parametrize(
@@ -25,19 +24,15 @@ def test_in_a_clone(monkeypatch, tmp_path):
         ({"url": "file:///home/me/my%20clone", "dir_info": {}}, "/home/me/my clone"),
         ({"url": "https://example.org/clshade.whl"}, "clshade"),
         (None, "clshade"),
+        (metadata.PackageNotFoundError("clshade"), "clshade"),
     ],
 )
 def test_installed_from_somewhere(monkeypatch, tmp_path, origin, source):
+    def distribution(name):
+        if isinstance(origin, Exception):
+            raise origin
+        return SimpleNamespace(read_text=lambda name: origin and json.dumps(origin))
+
     monkeypatch.setattr(extras, "_ROOT", tmp_path)
-    distribution = SimpleNamespace(read_text=lambda name: origin and json.dumps(origin))
-    monkeypatch.setattr(metadata, "distribution", lambda name: distribution)
+    monkeypatch.setattr(metadata, "distribution", distribution)
     assert extras.how_to_install("view") == f"pip install '{source}[view]'"
-
-
-def test_not_installed(monkeypatch, tmp_path):
-    def missing(name):
-        raise metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(extras, "_ROOT", tmp_path)
-    monkeypatch.setattr(metadata, "distribution", missing)
-    assert extras.how_to_install("view") == "pip install 'clshade[view]'"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from processes import ROOT
@@ -15,22 +14,37 @@ from clshade.base import host_memory
 
 MIB = 1 << 20
 MACHINE = "MemTotal:       24576000 kB\nMemFree:         1000000 kB\nMemAvailable:    2048000 kB\n"
+FIRST = "5:cpu,cpuacct:/x\n4:memory:/x/y\n1:name=systemd:/\n0::/"
 
 
-@pytest.fixture
-def root(tmp_path: Path) -> Path:
-    """Simulate a machine with 2000 MiB of free memory, without control groups."""
+@pytest.mark.parametrize(
+    ("member", "groups", "mebibytes"),
+    [
+        (None, {}, 2000),
+        ("0::/a/b", {"a/b": (300, 200, 50)}, 150),
+        ("0::/a/b", {"": (300, 200, 50)}, 150),  # inside a container, whose group is the root there
+        ("0::/a/b", {"a": (500, 100, 0), "a/b": (900, 100, 0)}, 400),
+        ("0::/a/b", {"a/b": ("max", 200, 50)}, 2000),
+        (FIRST, {"memory/x/y": (100, 120, 60)}, 40),
+        (FIRST, {"memory/x/y": (100, 220, 60)}, 0),
+    ],
+)
+def test_a_machine_with_2000_free_and_control_groups(tmp_path, member, groups, mebibytes):
+    """groups: of each its limit, use and inactive files, in MiB."""
     write(tmp_path / "proc/meminfo", MACHINE)
     write(tmp_path / "proc/self/statm", "1000 500 100 1 0 300 0\n")
-    return tmp_path
-
-
-def test_the_machine(root):
-    assert host_memory.available(root) == 2000 * MIB
-
-
-def test_this_machine():
-    assert 64 * MIB < host_memory.available() < 1 << 50
+    if member is not None:
+        write(tmp_path / "proc/self/cgroup", f"{member}\n")
+    for name, (limit, used, inactive) in groups.items():
+        folder, first = tmp_path / "sys/fs/cgroup" / name, member == FIRST
+        write(
+            folder / ("memory.limit_in_bytes" if first else "memory.max"),
+            f"{limit if isinstance(limit, str) else limit * MIB}\n",
+        )
+        write(folder / ("memory.usage_in_bytes" if first else "memory.current"), f"{used * MIB}\n")
+        stat = "inactive_file 5\ntotal_inactive_file" if first else "anon 5\ninactive_file"
+        write(folder / "memory.stat", f"{stat} {inactive * MIB}\nactive_file 7\n")
+    assert host_memory.available(tmp_path) == mebibytes * MIB
 
 
 @pytest.mark.parametrize(("pages", "expected"), [(1000, 4096000.0), (-1, math.inf)])
@@ -39,45 +53,6 @@ def test_where_there_is_no_such_file(tmp_path, monkeypatch, pages, expected):
     values = {"SC_PHYS_PAGES": pages, "SC_PAGE_SIZE": 4096}
     monkeypatch.setattr(host_memory.os, "sysconf", values.__getitem__)
     assert host_memory.available(tmp_path) == expected
-
-
-@pytest.mark.parametrize("inside", [False, True])
-def test_a_control_group(root, inside):
-    """Version 2; inside a container its own group is the root."""
-    write(root / "proc/self/cgroup", "0::/a.slice/b.scope\n")
-    group = root / "sys/fs/cgroup" if inside else root / "sys/fs/cgroup/a.slice/b.scope"
-    write(group / "memory.max", f"{300 * MIB}\n")
-    write(group / "memory.current", f"{200 * MIB}\n")
-    write(group / "memory.stat", f"anon 5\ninactive_file {50 * MIB}\nactive_file 7\n")
-    assert host_memory.available(root) == 150 * MIB
-    write(group / "memory.max", "max\n")
-    assert host_memory.available(root) == 2000 * MIB
-
-
-def test_a_group_around_the_own_one(root):
-    write(root / "proc/self/cgroup", "0::/a.slice/b.scope\n")
-    for name, limit in (("a.slice", 500), ("a.slice/b.scope", 900)):
-        write(root / "sys/fs/cgroup" / name / "memory.max", f"{limit * MIB}\n")
-        write(root / "sys/fs/cgroup" / name / "memory.current", f"{100 * MIB}\n")
-        write(root / "sys/fs/cgroup" / name / "memory.stat", "inactive_file 0\n")
-    assert host_memory.available(root) == 400 * MIB
-
-
-def test_a_control_group_of_the_first_version(root):
-    write(root / "proc/self/cgroup", "5:cpu,cpuacct:/x\n4:memory:/x/y\n1:name=systemd:/\n0::/\n")
-    group = root / "sys/fs/cgroup/memory/x/y"
-    write(group / "memory.limit_in_bytes", f"{100 * MIB}\n")
-    write(group / "memory.usage_in_bytes", f"{120 * MIB}\n")
-    write(group / "memory.stat", f"inactive_file 5\ntotal_inactive_file {60 * MIB}\n")
-    assert host_memory.available(root) == 40 * MIB
-    write(group / "memory.usage_in_bytes", f"{220 * MIB}\n")
-    assert host_memory.available(root) == 0
-
-
-def test_files_that_say_nothing(root):
-    write(root / "proc/self/cgroup", "0::/a\n")
-    write(root / "sys/fs/cgroup/a/memory.max", "nonsense\n")
-    assert host_memory.available(root) == 2000 * MIB
 
 
 def test_a_limit_of_the_process():

@@ -5,11 +5,9 @@ from __future__ import annotations
 import io
 import sys
 import threading
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from processes import ROOT
 
 from clshade.base import interrupts, progress_bar
 from clshade.base.progress_bar import Bar
@@ -40,8 +38,7 @@ class Clocks:
         self.now += seconds
 
     def draw(self, seconds: float) -> None:
-        self.now += seconds
-        self.work += seconds
+        self.now, self.work = self.now + seconds, self.work + seconds
 
 
 @pytest.fixture
@@ -61,33 +58,10 @@ def test_the_first_item_and_compiling_do_not_count_in_the_estimate(clocks, monke
             clocks.compile(seconds)
             clocks.draw(1.0)
             bar.advance()
-    assert [state.partition("[")[2] for state in shown.states] == [
-        "00:00<?]",
-        "00:50<?]",
-        "00:51<00:08]",
-        "01:22<00:07]",
-        "01:23<00:06]",
-        "01:44<00:05]",
-    ]
+    times = " ".join(state.partition("[")[2] for state in shown.states)
+    assert times == "00:00<?] 00:50<?] 00:51<00:08] 01:22<00:07] 01:23<00:06] 01:44<00:05]"
     assert shown.states[-1].startswith("figures:  50%|")
     assert " 5/10 [" in shown.states[-1]
-
-
-def test_a_bar_without_an_estimate(clocks, monkeypatch):
-    shown = screen(monkeypatch)
-    with Bar(3, "programs", clock=None) as bar:
-        for _ in range(3):
-            clocks.compile(10.0)
-            bar.advance()
-    assert "3/3 [00:30]" in shown.states[-1]
-
-
-def test_a_hidden_bar_prints_nothing(clocks, monkeypatch):
-    shown = screen(monkeypatch)
-    with Bar(3, clock=None, hidden=True) as bar:
-        bar.advance()
-        bar.clear()
-    assert shown.states == []
 
 
 def test_the_line_on_an_interrupt_does_not_continue_that_of_a_bar(clocks, monkeypatch):
@@ -99,9 +73,3 @@ def test_the_line_on_an_interrupt_does_not_continue_that_of_a_bar(clocks, monkey
                 bar.close()
             interrupts.tell()
         assert ("]\nclshade: interrupted\n" in shown.getvalue()) is not closed
-
-
-def test_all_bars_are_of_this_class():
-    source = Path(progress_bar.__file__)
-    users = [path for path in (ROOT / "clshade").rglob("*.py") if "import tqdm" in path.read_text("utf-8")]
-    assert users == [source]

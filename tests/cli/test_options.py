@@ -29,30 +29,11 @@ def parsed(*arguments: str) -> Arguments:
     return parser.parse_args(arguments, Arguments())
 
 
-def test_options_have_the_names_forms_and_defaults_of_their_text():
-    actions = {action.dest: action for action in parsed().parser._actions}
-    output, size, lit = actions["output"], actions["size"], actions["lit"]
-    assert (output.option_strings, output.metavar, output.help) == (
-        ["-o", "--output"],
-        "FILE",
-        "where to: a file (default: out)",
-    )
-    assert (size.metavar, size.type, size.help) == ("N", int, "pixels (default: 3)")
-    assert (lit.option_strings, lit.help) == (["--lit", "--no-lit"], "with light (default: by day)")
-    assert actions["kind"].choices == ("fast", "exact")
-    assert (actions["names"].option_strings, actions["names"].metavar) == ([], "NAME")
-    (group,) = (group for group in parsed().parser._action_groups if group.title == Fields.title)
-    assert len(group._group_actions) == 6
-
-
-def test_options_that_are_set_are_keyword_arguments():
+def test_options_that_are_set_are_keyword_arguments(capsys):
     assert parsed().keywords(Fields) == {"names": []}
     assert parsed("-o", "out", "--size", "3", "a").keywords(Fields) == {"names": ["a"]}
     keywords = parsed("--full-size", "--no-lit", "--kind", "exact", "-o", "x").keywords(Fields)
     assert keywords == {"path": "x", "full": True, "lit": False, "kind": "exact", "names": []}
-
-
-def test_of_options_that_exclude_each_other_one_is_given(capsys):
     with pytest.raises(SystemExit):
         parsed("--size", "4", "--full-size")
     assert "not allowed with" in capsys.readouterr().err
@@ -65,7 +46,7 @@ def options_of(command: str) -> dict[str, argparse.Action]:
     return {action.dest: action for action in _parser([command]).parse_args([command, "teapot"]).parser._actions}
 
 
-@pytest.mark.parametrize("command", ["render", "turntable", "animate", "stability", "poster"])
+@pytest.mark.parametrize("command", ["render", "turntable", "stability", "poster"])
 def test_each_setting_has_an_option(command):
     options = options_of(command)
     for field in fields(Settings):
@@ -76,16 +57,6 @@ def test_each_setting_has_an_option(command):
         assert option.default is None
         assert option.metavar == declared.form
         assert tuple(option.choices or ()) == declared.choices
-
-
-def test_what_options_say_of_defaults():
-    defaults = {
-        name: option.help.partition(" (default: ")[2].rstrip(")") for name, option in options_of("render").items()
-    }
-    assert defaults["light_samples"] == "16"
-    assert defaults["resolve"] == "mean"
-    assert defaults["ambient_occlusion"] == "0, or 16 with --shadows where an environment is the light"
-    assert defaults["shader"] == defaults["cull"] == defaults["scalars"] == ""  # the preset's, off, none
 
 
 def test_flags_that_a_preset_or_pictures_set_can_be_taken_back():

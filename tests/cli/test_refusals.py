@@ -16,7 +16,7 @@ from clshade.cli import render
 QUADS = shlex.join(SMALL)
 ROOM = "box_room --resolution 40x30 --samples 2"
 HEAT = "render a.ply -o out --scalars heat"
-STUDIO = "render teapot --environment studio"
+
 OTHER_NAME = "--save-scene: expected a file name that ends in .json or .glb"
 TURN = f"turntable{QUADS.removeprefix('render')} --count 2"
 
@@ -24,73 +24,49 @@ TURN = f"turntable{QUADS.removeprefix('render')} --count 2"
 REFUSED = [
     ("", "COMMAND"),
     ("inspect", "FILE"),
-    ("view", "FILE"),
-    ("devices --quiet --verbose", "--verbose", "--quiet"),
     ("render --help light", "expected one of all, scene, lights, camera,", "did you mean 'lights'?"),
-    ("render --preset fancy", "--preset", "fancy"),
     ("render --resolution 10,x", "--resolution", "'10,x'"),
-    ("render --near far", "--near", "far"),
-    ("render --precision float16", "--precision", "float16"),
     ("render no_such_file.obj", "no_such_file.obj"),
-    ("render no_such_file.npy", "no_such_file.npy"),
-    (f"render {'n' * 5000}", "nnn", "a file or one of"),
     ("render scene.xyz", "scene.xyz", "extension", ".npy", ".obj"),
-    ("render empty.obj", "empty.obj"),
     ("render text.npy", "text.npy"),
     ("render folder.obj", "folder.obj"),
     ("render quads --resolution 0,10", "resolution", "0"),
-    ("render quads --resolution 10,99999", "resolution", "99999"),
-    ("render quads --near -1", "near", "-1"),
-    ("render quads --near nan", "near", "nan"),
-    ("render quads --lights 5", "--lights", "0 to 1", "5"),
     ("render quads --texture x.png", "--texture", "quads"),
-    ("render quads --focal 3", "--focal", "quads"),
     ("render quads -o missing/out", "missing/out", "missing"),
     ("render quads --device 'no such platform'", "no such platform"),
     ("render quads box_room -o file/new", "file/new", "cannot be"),
     # Meshes
     ("render a.glb --no-weld", "weld", "only for .obj and .ply"),
     ("render a.obj --crease 200", "crease", "degrees from 0 to 180", "200"),
-    ("render a.obj --crease -1", "crease", "degrees from 0 to 180", "-1"),
-    ("render a.obj --crease nan", "crease", "nan"),
-    ("render a.obj --crease x", "--crease", "'x'"),
     ("render a.obj --crease 3 --flat", "--crease", "--flat"),
-    ("render a.obj --up w", "--up", "'w'", "-z"),
     ("render a.obj --up", "--up", "expected one argument"),
     ("render a.npy --crease 30", "crease", "only for .obj, "),
-    ("render a.npy --up -z", "up", "only for .obj, "),
     ("render teapot --flat", "--flat", "'teapot'"),
-    ("render teapot --no-two-sided", "--no-two-sided", "'teapot'"),
-    ("render teapot --crease 0", "--crease", "'teapot'"),
     # Scalars
-    ("render a.ply -o out --colormap jet", "--colormap: needs --scalars NAME"),
-    ("render a.ply -o out --clim 0,1", "--clim: needs --scalars NAME"),
-    ("render a.ply -o out --colorbar", "--colorbar: needs --scalars NAME"),
     (f"{HEAT} --colormap jett", "found 'jett': did you mean 'jet'"),
     (f"{HEAT} --clim 2,1", "low not above high, found (2.0, 1.0)"),
     (f"{HEAT} --nan-color x", "--nan-color: expected a name such as white"),
     # Edges
     ("render quads -o out --edge-width 3", "--edge-width: needs --edges"),
-    ("render quads -o out --edges-only", "--edges-only: needs --edges"),
     ("render quads --edges all --edge-color 0,0,-1", "--edge-color: expected a name such as white, #rrggbb"),
     # Environments
     ("render teapot --environment none.hdr", "none.hdr: file: expected an existing file"),
-    (f"{STUDIO} --environment-intensity -1", "--environment-intensity: expected"),
-    (f"{STUDIO} --environment-rotation nan", "--environment-rotation: expected"),
+    ("render teapot --environment studio --environment-rotation nan", "--environment-rotation: expected"),
     ("render teapot --environment none --environment-rotation 9", "--environment-rotation: needs --environment"),
-    ("render teapot --environment-intensity 2", "--environment-intensity: needs --environment"),
+    ("render a.glb --light-intensity 2", "--light-intensity: expected lights to multiply, found none: the environment"),
+    ("render a.obj --camera file", "--camera: expected a file that has one, found none in "),
+    ("render icosphere --camera file", "--camera: file needs a scene file"),
+    # Looks
+    ("render a.obj --look studio --edges all --ground", "--ground: cannot go with --edges"),
+    ("render a.obj --look studio --preset pbr", "--look: studio cannot go with --preset, which it chooses"),
     # Saved scenes
     ("render quads --save-scene a.jsn", f"{OTHER_NAME}, found a.jsn"),
-    ("render quads --save-scene .glb", f"{OTHER_NAME}, found .glb"),
     ("render quads --save-scene 'a\nb.json'", "render: --save-scene: expected a file in the scene's folder, found "),
-    ("render quads --save-scene ''", OTHER_NAME),
     ("render quads teapot --save-scene a.json", "--save-scene: is for one scene, not for 2"),
-    ("render quads --save-scene none/a.json", "none/a.json: cannot be written: there is no folder "),
     ("render quads --save-scene folder.json", "folder.json: cannot be written: it is a folder"),
     ("render quads --sheet -o s --save-scene s.json", "--save-scene: s.json is the file of the facts of --sheet"),
     ("render a.json --save-scene a.json -o b", " is read: choose another file"),
     # Verifying
-    ("verify none.exr", "none.exr", "file: expected"),
     ("verify text.exr", "text.exr", "file: expected"),
     ("verify none.exr --all --pixels 3", "not allowed with"),
 ]
@@ -98,9 +74,7 @@ REFUSED = [
 OUTPUTS = [
     ("--compression lzma", "compression", "lzma", "zip"),
     ("--exposure nan", "exposure", "nan"),
-    ("--exposure 1000", "exposure", "1000"),
     ("-o .", "a file name", "'.'"),
-    ("-o out.jpg", "out.exr and out.png", "'out.jpg'"),
     ("-o -", "image.exr and image.png", "'-'"),
     ("-o missing/out", "missing/out.exr", "there is no folder"),
     (f"-o {'n' * 256}", "nnn.exr", "too long"),
@@ -109,35 +83,22 @@ OUTPUTS = [
     ("-o taken2", "taken2.png"),
 ]
 
-MASKS = [
+FILES = [
+    # Masks, before they are drawn
     (f"render {ROOM} --cryptomatte objects --quiet", "--cryptomatte", "object, material, instance", "'objects'"),
-    (f"turntable {ROOM} --cryptomatte objects --quiet", "--cryptomatte", "object, material, instance", "'objects'"),
     (f"render {ROOM} --cryptomatte --formats png --quiet", "files", "exr among them", "png"),
     (f"turntable {ROOM} --cryptomatte --formats png --quiet", "files", "exr among them", "png"),
     (f"turntable {ROOM} --cryptomatte -o film.gif --quiet", "--cryptomatte", "frames as --output", "film.gif"),
-]
-
-FILES = [
-    (f"{QUADS} --device 'no such platform' -o out", "no such platform"),
     (f"{QUADS} --formats exr,pgn", "--formats", "exr, png, npz, depth", "did you mean 'png'?"),
-    (f"{QUADS} --formats numpy", "did you mean 'npz'?"),
-    (f"{QUADS} --formats ''", "--formats", "expected"),
     (f"{QUADS} --depth-scale 0.01", "--depth-scale: needs --formats depth"),
-    (f"{QUADS} --formats depth --depth-scale 0", "depth_scale: expected a finite number above 0"),
-    (f"{QUADS} --formats depth --depth-scale mm", "--depth-scale", "a number"),
     (f"{QUADS} --formats depth,exr --depth-scale 1e-6", "depth_scale: expected ", " or more, as 65535 steps"),
     (f"{QUADS} --formats npz --sheet", "--formats: cannot go with --sheet"),
     (f"{QUADS} --formats png --flow-to c.json", "--flow-to: needs exr or npz in --formats", "not png"),
     (f"{TURN} --formats png,depth --flow", "flow: needs exr or npz among the files, which hold it"),
     (f"{QUADS} --stereo 0", "Camera.stereo: baseline: expected a finite number above 0, found 0"),
-    (f"{QUADS} --stereo nan", "baseline"),
-    (f"{QUADS} --convergence 3", "--convergence: needs --stereo BASELINE"),
     (f"{QUADS} --stereo 1 --convergence -3", "convergence: expected a finite number above 0, found -3"),
     (f"{QUADS} --stereo 1 --views front", "--stereo: cannot go with --views"),
-    (f"{QUADS} --stereo 1 --sheet", "--stereo: cannot go with --sheet"),
     (f"{QUADS} --stereo 1 --orthographic", "expected a perspective camera, found an orthographic one"),
-    (f"{TURN} --convergence 3", "--convergence: needs --stereo BASELINE"),
-    (f"{TURN} --stereo -1", "baseline: expected a finite number above 0, found -1"),
     (f"{TURN} --formats npz -o a.mp4", "--formats: cannot go with a film, a.mp4"),
     (f"{TURN} --save-cameras out.0001.exr/c.json", "out.0001.exr", "is not a folder"),
     (f"{TURN} --formats depth --depth-scale 1e-6 -o new/#.exr", "frame 1: ", "65535 steps"),
@@ -149,12 +110,8 @@ def refuse(folder, capsys):
     """Return a function that asserts how a command line is refused, in a folder with files of each kind."""
     for name in ("folder.obj", "folder.json", "taken.exr", "taken2.png"):
         (folder / name).mkdir()
-    texts = {"scene.xyz": "what is this", "text.npy": "not NumPy's", "a.obj": ROOF, "a.ply": DATA}
-    texts |= (
-        dict.fromkeys(("empty.obj", "file"), "")
-        | {"text.exr": "text"}
-        | dict.fromkeys(("out.exr", "out.png", "out.0001.exr"), "earlier")
-    )
+    texts = {"scene.xyz": "what is this", "text.npy": "not NumPy's", "a.obj": ROOF, "a.ply": DATA, "text.exr": "text"}
+    texts |= dict.fromkeys(("empty.obj", "file"), "") | dict.fromkeys(("out.exr", "out.png", "out.0001.exr"), "earlier")
     for name, text in texts.items():
         write(folder / name, text)
     save_npy(folder / "a.npy", course_dict())
@@ -207,12 +164,6 @@ def test_a_folder_without_permission(tmp_path, capsys):
 @needs_device
 @commands(FILES)
 def test_refused_files(refuse, row):
-    refuse(*row)
-
-
-@commands(MASKS)
-def test_masks_are_refused_before_they_are_drawn(refuse, row):
-    pytest.importorskip("mmh3")
     refuse(*row)
 
 

@@ -56,13 +56,10 @@ def test_commands_of_strangers_do_nothing(folder, capsys):
     drawn = "--samples=1 --resolution=64,48"
     for command, expected in (
         ("rm -rf out.exr", "expected clshade render"),
-        ("clshade render 'icosphere", "expected clshade render"),
         ("clshade render icosphere --no-such-option", "there is no option"),
         ("clshade render icosphere teapot", "expected one scene, found 2"),
         ("clshade render /dev/zero.obj", "found no such file"),
         ("clshade render --samples=" + "9" * 5000, "verify: the header's command"),
-        ("clshade render " + "9" * 5000, "expected"),
-        ("clshade render icosphere --environment=" + "9" * 5000, "9"),
         ("clshade render nothing.obj --save-scene=made.glb -o made", "nothing.obj"),
     ):
         with_command(folder / "out.exr", command)
@@ -70,6 +67,15 @@ def test_commands_of_strangers_do_nothing(folder, capsys):
     with_command(folder / "out.exr", f"clshade render icosphere {drawn} --save-scene=made.glb --output=made")
     assert run(capsys, "verify", "out.exr")[0] == 0
     assert sorted(folder.iterdir()) == before
+    # It may not name another camera or other settings than those that the pixels show.
+    for changed, expected in (
+        ("--camera-azimuth-angle=77", "camera: the header differs from its command in eye"),
+        ("--shadows --samples=16", "settings: the header differs from its command in s"),
+    ):
+        with_command(folder / "out.exr", f"clshade render icosphere {drawn} {changed}")
+        code, out, _ = run(capsys, "verify", "out.exr")
+        assert code == 1
+        assert expected in out
 
 
 def test_a_contact_shadow_is_computed_again_without_a_device(folder, monkeypatch, capsys):
@@ -77,17 +83,3 @@ def test_a_contact_shadow_is_computed_again_without_a_device(folder, monkeypatch
     assert run(capsys, "render", "solid.obj", "-o", "out", *SMALL)[0] == 0
     monkeypatch.setattr(renderer, "Renderer", None)
     assert run(capsys, "verify", "out.exr", "--all")[0] == 0
-
-
-def test_a_command_draws_what_is_judged(folder, capsys):
-    """A sealed header may not name another camera or other settings than those that the pixels show."""
-    assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
-    drawn = "clshade render icosphere --samples=1 --resolution=64,48"
-    for changed, expected in (
-        ("--camera-azimuth-angle=77", "camera: the header differs from its command in eye"),
-        ("--shadows --samples=16", "settings: the header differs from its command in s"),
-    ):
-        with_command(folder / "out.exr", f"{drawn} {changed}")
-        code, out, _ = run(capsys, "verify", "out.exr")
-        assert code == 1
-        assert expected in out

@@ -1,4 +1,4 @@
-"""`light`, `bilerp` and `calculate_normals` of `clshade.course` against the formulas."""
+"""`light`, `bilerp`, `calculate_normals`, and one triangle over an image, against the formulas in float64."""
 
 from __future__ import annotations
 
@@ -28,88 +28,50 @@ def assert_light(arguments, n=None) -> None:
     assert (np.abs(color - expected) <= reference.bound(*arguments)).all(), (color, expected)
 
 
-@pytest.mark.sampled
-@pytest.mark.parametrize("count", range(5))
-@pytest.mark.parametrize("n", [0, 1, 20, 200, 1e4])
-def test_light_is_the_formula(count, n):
-    rng = np.random.default_rng(count)
-    for point, normal in zip(rng.normal(size=(8, 3)), rng.normal(size=(8, 3)), strict=True):
-        lights = (POSITIONS[:count], INTENSITIES[:count])
-        assert_light((point, normal, COLOR, [1.0, 2.0, 8.0], 0.05, 0.8, np.array([1.0, 0.5, 0.3]), n, *lights))
-
-
 @few
-@given(point=vectors, normal=vectors, color=vectors, eye=vectors, position=vectors)
-def test_light_anywhere(point, normal, color, eye, position):
+@given(point=vectors, normal=vectors, color=vectors, eye=vectors, position=vectors, n=st.sampled_from([0, 1, 20, 1e4]))
+def test_light_anywhere(point, normal, color, eye, position, n):
     lights = (np.array([position, [0.0, 0, 50]]), INTENSITIES[[1, 3]])
-    assert_light((point, normal, np.abs(color), eye, 0.1, 0.8, 0.5, 20.0, *lights))
-
-
-def test_light_facing_everything():
-    """Eye, light and normal in one direction: N.L = R.V = 1, so ka + Ip*color*(kd + ks) for any n."""
-    for n in (0, 1, 50, 1e9):
-        color = course.light([1, 1, 1], [0, 0, 3], COLOR, [1, 1, 9], 0.25, 0.5, 0.125, n, [[1, 1, 4]], [[2, 1, 0.5]])
-        assert np.allclose(color, 0.25 + np.array([2, 1, 0.5]) * COLOR * 0.625, rtol=1e-6, atol=0.0)
+    assert_light((point, normal, np.abs(color), eye, 0.1, [0.8, 0.4, 0.6], 0.5, n, *lights))
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
+        ({}, 0.1 + 0.8 + 0.5),  # N.L = R.V = 1
+        ({"n": 1e9}, 0.1 + 0.8 + 0.5),
         ({"normal": [0, 0, 0]}, 0.1),
         ({"normal": [0, 0, -1]}, 0.1),
         ({"l_pos": [[0, 0, 0]]}, 0.1),
         ({"cam_pos": [0, 0, 0]}, 0.1 + 0.8),
         ({"l_pos": np.zeros((0, 3)), "l_int": np.zeros((0, 3))}, 0.1),
-        ({"l_pos": [], "l_int": []}, 0.1),
-        ({"l_int": [[0, 0, 0]]}, 0.1),
-        ({"k_a": 0}, 0.8 + 0.5),
         ({"k_d": 0}, 0.1 + 0.5),
-        ({"k_s": 0}, 0.1 + 0.8),
         ({"l_pos": [[0, 0, 1e300]]}, 0.1 + 0.8 + 0.5),
         ({"normal": [0, 0, 1e-300]}, 0.1 + 0.8 + 0.5),
-        ({"normal": [0, 0, 1e300]}, 0.1 + 0.8 + 0.5),
+        ({"k_a": 0, "k_d": 1, "k_s": 0, "l_int": [[1e6, -2, 1e30]]}, [1e6, -2, 1e30]),  # not clamped
     ],
 )
-def test_light_degenerate(changes, expected):
+def test_light_in_one_direction(changes, expected):
+    """Eye, light and normal face each other, or one of them is missing or extreme."""
     facing = {"point": [0, 0, 0], "normal": [0, 0, 1], "color": [1, 1, 1], "cam_pos": [0, 0, 5], "k_a": 0.1}
     facing |= {"k_d": 0.8, "k_s": 0.5, "n": 20, "l_pos": [[0, 0, 3]], "l_int": [[1, 1, 1]]}
     assert np.allclose(course.light(**{**facing, **changes}), expected, rtol=1e-6)
 
 
-def test_three_lights_are_rows_not_columns():
-    arguments = ([0.3, 0.2, 0.1], [0.2, 0.5, 1.0], COLOR, [1, 2, 8], 0.1, 0.8, 0.5, 3)
-    square = course.light(*arguments, POSITIONS[:3], INTENSITIES[:3])
-    apart = sum(course.light(*arguments, [p], [i]) for p, i in zip(POSITIONS[:3], INTENSITIES[:3], strict=True))
+def test_shapes_of_lights_and_vectors():
+    vectors, rest = [[0.3, 0.2, 0.1], [0.2, 0.5, 1.0], COLOR, [1, 2, 8]], (0.1, [0.8, 0.4, 0.2], 0.5, 3)
+    positions, intensities = POSITIONS[:3], INTENSITIES[:3]
+    square = course.light(*vectors, *rest, positions, intensities)
+    apart = sum(course.light(*vectors, *rest, [p], [i]) for p, i in zip(positions, intensities, strict=True))
     assert np.allclose(square, apart - 2 * 0.1, rtol=1e-6)
-    assert not np.allclose(square, course.light(*arguments, POSITIONS[:3].T, INTENSITIES[:3]), rtol=1e-2)
-    as_lists = [p[:, None] for p in POSITIONS[:3]], [list(i) for i in INTENSITIES[:3]]
-    assert (course.light(*arguments, *as_lists) == square).all()
-
-
-def test_shapes_of_vectors_do_not_matter():
-    arguments = [[0.3, 0.2, 0.1], [0.2, 0.5, 1.0], COLOR, [1, 2, 8]]
-    rest = (0.1, [0.8, 0.4, 0.2], 0.5, 3, POSITIONS, INTENSITIES)
-    colors = [course.light(*(np.reshape(v, shape) for v in arguments), *rest) for shape in ((3,), (1, 3), (3, 1))]
-    assert (colors[0] == colors[1]).all()
-    assert (colors[0] == colors[2]).all()
-
-
-@few
-@given(scale=st.integers(-60, 60))
-def test_a_power_of_two_changes_no_bit(scale):
-    factor = 2.0**scale
-    point, eye = np.array([0.3, 0.2, 0.1]), np.array([1.0, 2, 8])
-    plain = course.light(point, [0.2, 0.5, 1], COLOR, eye, 0.1, 0.8, 0.5, 20, POSITIONS, INTENSITIES)
-    scaled = course.light(
-        point * factor, [0.2, 0.5, 1], COLOR, eye * factor, 0.1, 0.8, 0.5, 20, POSITIONS * factor, INTENSITIES
-    )
-    assert (plain == scaled).all()
-
-
-def test_values_are_not_clamped():
-    bright = course.light([0, 0, 0], [0, 0, 1], [1, 1, 1], [0, 0, 5], 0, 1, 0, 1, [[0, 0, 3]], [[1e6, -2, 1e30]])
-    assert np.allclose(bright, [1e6, -2, 1e30], rtol=1e-6)
+    as_lists = [p[:, None] for p in positions], [list(i) for i in intensities]
+    assert (course.light(*vectors, *rest, *as_lists) == square).all()
+    one = course.light(*vectors, *rest, positions[:1], intensities[:1])
+    assert (course.light(*vectors, *rest, positions[0], list(intensities[0])) == one).all()
+    for shape in ((1, 3), (3, 1)):
+        shaped = (np.reshape(vector, shape) for vector in vectors)
+        assert (course.light(*shaped, *rest, positions, intensities) == square).all()
 
 
 # Texture lookup
@@ -136,57 +98,26 @@ def test_bilerp_is_the_formula(u, v, size, kind):
     assert np.abs(color - expected).max() <= 8 * reference.HALF_ULP
 
 
-def test_bilerp_at_texels_and_between():
-    image = np.zeros((3, 4, 3))
-    image[2, 3] = [1, 0, 0]
-    image[0, 0] = [0, 1, 0]
-    image[0, 3] = [0, 0, 1]
-    assert (course.bilerp([1, 1], image) == [1, 0, 0]).all()
-    assert (course.bilerp([[0.0], [0.0]], image) == [0, 1, 0]).all()
-    assert (course.bilerp([[1, 0]], image) == [0, 0, 1]).all()
-    assert (course.bilerp([9.0, -0.0], image) == [0, 0, 1]).all()
-    assert (course.bilerp([-1e300, -7], image) == [0, 1, 0]).all()
-    assert np.allclose(course.bilerp([1, 0.75], image), [0.5, 0, 0])
-    assert np.allclose(course.bilerp([0.5 / 3, 0], image), [0, 0.5, 0])
-
-
-def test_bilerp_on_a_wide_texture_is_exact_between_texels():
+def test_bilerp_on_a_wide_texture_is_exact_between_texels_and_sees_a_change():
     """u on 30,000 texels: float32 alone would be off by a thousandth of a texel."""
     image = np.zeros((1, 30000, 3), np.float32)
-    image[0, 20000] = 1.0
     u = 20000.25 / 29999
+    assert (course.bilerp([u, 0], image) == 0).all()
+    image[0, 20000] = 1.0
     assert np.allclose(course.bilerp([u, 0], image), 0.75, atol=1e-6)
-
-
-def test_bilerp_sees_a_change_of_the_texture():
-    image = np.zeros((2, 2, 3))
-    assert (course.bilerp([0, 0], image) == 0).all()
-    image[0, 0] = 0.5
-    assert (course.bilerp([0, 0], image) == 0.5).all()
-    assert (course.bilerp([0, 0], np.asfortranarray(image)[::-1][::-1]) == 0.5).all()
+    assert np.allclose(course.bilerp([u, 0], image[:, ::-1][:, ::-1]), 0.75, atol=1e-6)
 
 
 # Normals
 
 
 def test_normals_of_a_cube_corner():
-    """Three perpendicular faces: at their common corner the normal is along the diagonal."""
     verts = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]).T
     faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3]]).T
     normals = course.calculate_normals(verts, faces)
-    assert normals.shape == (3, 4)
-    assert normals.dtype == np.float64
+    assert (normals.shape, normals.dtype) == ((3, 4), np.float64)
     assert np.allclose(normals[:, 0], -np.ones(3) / np.sqrt(3), rtol=1e-14)
     assert np.allclose(course.calculate_normals(verts.T, faces.T), normals)  # 4x3 verts decide the layout of faces
-
-
-def test_normals_follow_the_faces():
-    verts = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5.0]]).T
-    assert (course.calculate_normals(verts, [[0], [1], [2]]) == [[0, 0, 0, 0], [0, 0, 0, 0], [1, 1, 1, 0]]).all()
-    assert (course.calculate_normals(verts, [[0], [2], [1]])[2] == [-1, -1, -1, 0]).all()
-    both = course.calculate_normals(verts, [[0, 0], [1, 2], [2, 1]])  # the two cancel
-    assert (both == 0).all()
-    assert (course.calculate_normals(verts, np.zeros((3, 0), int)) == 0).all()
 
 
 @few
@@ -202,3 +133,123 @@ def test_normals_are_sums_of_cross_products(seed):
     normals = course.calculate_normals(verts, faces).T
     long = np.linalg.norm(total, axis=1) > 1e-6
     assert np.allclose(normals[long], reference.unit(total[long]), atol=1e-9)
+
+
+# One triangle over an image: `gouraud_shading`, `shade_gouraud` and `shade_phong`
+
+
+ROWS, COLUMNS = 37, 50
+X = np.random.default_rng(1).random((ROWS, COLUMNS, 3)) / 3.0  # not float32 values
+COLORS = np.array([[0.9, 0.1, 0.2], [0.1, 0.8, 0.3], [0.2, 0.1, 0.7]])
+NORMALS = np.array([[0.1, -0.3, 0.5], [0.2, 0.4, -0.1], [1.0, 0.9, 0.8]])
+POINT, EYE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 8.0])
+INSIDE = np.array([[5.2, 4.1], [44.9, 10.3], [20.5, 33.7]])
+K_A, K_D, K_S, N, L_AMB = 0.2, np.array([0.8, 0.7, 0.6]), 0.5, 20.0, np.array([0.5, 0.25, 1.0])
+SHADERS = {"nolight": course.gouraud_shading, "gouraud": course.shade_gouraud, "phong": course.shade_phong}
+
+
+def draw(shader, verts_p=INSIDE, verts_c=COLORS, verts_n=NORMALS, count=4, image=X, **changes):
+    if shader == "nolight":
+        return course.gouraud_shading(verts_p, verts_c, image)
+    arguments = {"bcoords": POINT, "cam_pos": EYE, "k_a": K_A, "k_d": K_D, "k_s": K_S, "n": N}
+    arguments |= {"l_pos": POSITIONS[:count], "l_int": INTENSITIES[:count], "l_amb": L_AMB, **changes}
+    return SHADERS[shader](verts_p, verts_n, verts_c, X=image, **arguments)
+
+
+def expect(shader, verts_p=INSIDE, verts_c=COLORS, verts_n=NORMALS, count=4, n=N, k_s=K_S):
+    around = (POINT, EYE, K_A * L_AMB, K_D, k_s, n, POSITIONS[:count], INTENSITIES[:count])
+    return reference.triangle(shader, verts_p, verts_n, verts_c, around, X)
+
+
+def assert_drawn(picture, expected) -> None:
+    image, off, drawn = expected
+    assert picture.shape == X.shape
+    assert picture.dtype == np.float64
+    assert (picture[~drawn] == X[~drawn]).all()
+    error = np.abs(picture - image)
+    assert (error <= off).all(), (error / np.where(off > 0.0, off, 1.0)).max()
+
+
+@pytest.mark.parametrize(
+    ("shader", "changes"),
+    [
+        *((shader, {"count": count}) for shader in SHADERS for count in (0, 4)),
+        ("phong", {"n": 1e4}),
+        *((shader, {"k_s": 0.0}) for shader in ("gouraud", "phong")),
+        # Opposite a corner of 1e6, the bound is relative to the pixel's own color.
+        ("phong", {"verts_c": np.array([[1e6, 0.1, 0.5], [0.2, 1e6, 0.4], [0.3, 0.3, 1e6]])}),
+        ("phong", {"verts_n": NORMALS * [1.0, 2.0, 0.5]}),  # which are interpolated before they are normalized
+        ("gouraud", {"verts_n": NORMALS * [1.0, 2.0, 0.5]}),
+    ],
+)
+def test_one_triangle(shader, changes):
+    expected = expect(shader, **changes)
+    assert expected[2].sum() > 400
+    assert_drawn(draw(shader, **changes), expected)
+
+
+@pytest.mark.parametrize("shader", ["nolight", "phong"])
+@pytest.mark.parametrize(
+    "verts_p",
+    [
+        [[-20.0, -9], [70, 12], [15, 60]],  # across every border
+        [[30.0, 20], [90, 20], [30, 90]],
+        [[60.0, 3], [70, 3], [60, 20]],  # beside the image
+        [[3.0, 3], [20, 20], [9, 9]],  # no area
+        [[3.1, 3.1], [3.2, 3.1], [3.1, 3.2]],  # between pixel centers
+        [[5.2, 4.1], [20.5, 33.7], [44.9, 10.3]],  # clockwise
+    ],
+)
+def test_triangles_over_the_border_and_beside(shader, verts_p):
+    assert_drawn(draw(shader, np.array(verts_p)), expect(shader, np.array(verts_p)))
+
+
+@few
+@given(
+    verts_p=st.lists(st.tuples(st.floats(-30, 80), st.floats(-30, 70)), min_size=3, max_size=3).map(np.array),
+    shader=st.sampled_from(sorted(SHADERS)),
+)
+def test_any_triangle(verts_p, shader):
+    assert_drawn(draw(shader, verts_p), expect(shader, verts_p))
+
+
+@pytest.mark.parametrize("far", [1e5, 1e300])
+def test_corners_far_away(far):
+    """A triangle through the image with one corner at (20, 10) and two far away, clipped at the guard band."""
+    verts_p = np.array([[20.25, 10.25], [far, 0.3 * far], [-0.7 * far, far]])
+    a, b, c = verts_p
+    to_pixels = np.stack(np.meshgrid(np.arange(COLUMNS) + 0.5, np.arange(ROWS) + 0.5), axis=-1) - a
+    both = np.linalg.solve(np.column_stack([b - a, c - a]), to_pixels.reshape(-1, 2).T).T.reshape(ROWS, COLUMNS, 2)
+    weights = np.dstack([1.0 - both.sum(axis=2), both])
+    # Corners of the clipped piece are rounded to 1/65536 pixel: edges, and weights with them, may move as much.
+    inside, outside = (both > 1e-4 / far).all(axis=2), (both < -1e-4 / far).any(axis=2)
+    assert min(inside.sum(), outside.sum()) > 100
+    image = draw("phong", verts_p)
+    assert (image[outside] == X[outside]).all()
+    around = (POINT, EYE, K_A * L_AMB, K_D, K_S, N, POSITIONS, INTENSITIES)
+    expected = reference.light(POINT, weights @ NORMALS.T, weights @ COLORS.T, *around[1:])
+    assert np.allclose(image[inside], expected[inside], rtol=1e-4, atol=1e-4 + 30.0 / far)
+
+
+def test_corners_and_columns_are_not_mixed_up():
+    """Each corner's color is near it: verts_p has corners in rows, verts_c in columns; v points up."""
+    corners = np.array([[1.0, 1.0], [49.0, 1.0], [1.0, 36.0]])
+    image = course.gouraud_shading(corners, np.eye(3), np.zeros((ROWS, COLUMNS, 3)))
+    assert (image[1, 1].argmax(), image[1, 46].argmax(), image[34, 1].argmax()) == (0, 1, 2)
+    assert image[[1, 1, 34], [1, 46, 1]].max(axis=1).min() > 0.9
+
+
+@pytest.mark.parametrize("shader", ["gouraud", "phong"])
+def test_normals_of_any_length(shader):
+    for factor in (2.0**-900, 2.0**900):
+        assert (draw(shader, verts_n=NORMALS * factor) == draw(shader)).all()
+
+
+def test_images_of_any_type_and_size():
+    corners, color = [[-9, -9], [400, -9], [-9, 400]], np.full((3, 3), 7.0)
+    for image in (np.zeros((1, 1, 3), np.uint8), np.ones((40, 3, 3), np.float32), np.zeros((3, 200, 3))[:, ::2]):
+        picture = course.gouraud_shading(corners, color, image)
+        assert (picture.dtype, picture.shape, picture.flags.c_contiguous) == (np.float64, image.shape, True)
+        assert (picture == 7.0).all()
+    image = np.arange(60.0).reshape(4, 5, 3)[::-1]
+    assert (course.gouraud_shading([[0, 0], [1, 0], [0, 1.0]], color, image)[1:] == image[1:]).all()

@@ -58,7 +58,6 @@ def _text(rng: Random, data: bytes) -> bytes:
 
 
 def _length(rng: Random, data: bytes) -> bytes:
-    """Truncate or lengthen."""
     if rng.random() < 0.5:
         return data[: rng.integers(0, len(data))]
     return data + bytes(rng.integers(0, 256, rng.integers(1, 20), np.uint8))
@@ -83,13 +82,11 @@ def _json(rng: Random, data: bytes) -> bytes:
 
 
 def _word(rng: Random, data: bytes) -> bytes:
-    """Replace four bytes by an extreme number."""
     place, word = int(rng.integers(0, max(len(data) - 3, 1))), 4 * int(rng.integers(len(WORDS) // 4))
     return data[:place] + WORDS[word : word + 4] + data[place + 4 :]
 
 
 def _lines(rng: Random, data: bytes) -> bytes:
-    """Repeat, delete or move a line."""
     lines = data.split(b"\n")
     k, target = rng.integers(0, len(lines), 2)
     how = rng.integers(3)
@@ -103,7 +100,6 @@ def _lines(rng: Random, data: bytes) -> bytes:
 
 
 def _part(rng: Random, data: bytes) -> bytes:
-    """Delete or duplicate a part."""
     first, last = np.sort(rng.integers(0, len(data) + 1, 2))
     last = min(last, first + 200)
     return data[:last] + data[first:] if rng.random() < 0.5 else data[:first] + data[last:]
@@ -121,7 +117,6 @@ def _long_list(rng: Random, data: bytes) -> bytes:
 
 
 def _png(rng: Random, data: bytes) -> bytes:
-    """Change chunks of a PNG, with correct checksums."""
     parts, at = [data[:8]], 8
     while at + 12 <= len(data):
         size = struct.unpack(">I", data[at : at + 4])[0]
@@ -134,7 +129,6 @@ def _png(rng: Random, data: bytes) -> bytes:
 
 
 def _glb(rng: Random, data: bytes) -> bytes:
-    """Change the JSON of a GLB, with correct lengths."""
     size = struct.unpack("<I", data[12:16])[0]
     how = (_number, _number, _text, _lines, _json)[rng.integers(5)]
     return pack_glb(how(rng, data[20 : 20 + size]), data[28 + size :])
@@ -182,14 +176,14 @@ def mutated(number: int, seed: int = 0) -> Sample:
 
 
 def file_failures(numbers: Iterable[int], seed: int = 0) -> list[str]:
-    """Return what went wrong in loading damaged files."""
     failures = []
     for number in numbers:
         sample = mutated(number, seed)
         with tempfile.TemporaryDirectory(prefix="clshade-") as folder:
             reason = load_problem(Path(folder), sample)
         if reason:
-            failures.append(f"file {number} of seed {seed}: {next(iter(sample.files))}: {reason}")
+            again = f"python tests/fuzz/run.py --files {number}:{number + 1} --seed {seed}"
+            failures.append(f"file {number} of seed {seed}: {next(iter(sample.files))}: {reason}; again: {again}")
     return failures
 
 
@@ -214,7 +208,6 @@ def _broken_off() -> Iterator[None]:
 
 
 def _peak() -> int:
-    """Return the peak memory of the process in bytes."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 

@@ -6,19 +6,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from random_coincidences import aligned, coincident
-from random_extremes import stiffened
-from random_kinds import BLOCK, Kind, Random, kind_of
-from random_lights import random_lights
-from random_materials import random_environment, random_material
-from random_meshes import moved_mesh, random_mesh, with_scalars
-from random_shapes import SHAPES, blob, triangles
+from random_extremes import aligned, coincident, stiffened
+from random_kinds import BLOCK, TERMS, Kind, Random, kind_of
+from random_materials import random_environment, random_lights, random_material
+from random_meshes import SHAPES, blob, moved_mesh, random_mesh, triangles, with_scalars
 
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene, Settings
 from clshade.scene.settings import EDGE_KINDS, MAX_SAMPLES, MAX_WIDTH, Edges
 
-FLAGS = ("ambient", "diffuse", "specular", "power", "colored")  # of scenes with a program that has all features
+VARIED = (*TERMS, "colored")  # among scenes with a program that has all features
 
 
 @dataclass(frozen=True)
@@ -36,8 +33,7 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
     """Return scene `number`, determined by number and seed. Even ones are stiffer; a quarter has exact coincidences."""
     kind, rng = kind_of(seed, number // BLOCK), np.random.default_rng([seed, number, 1])
     if not kind.specialize:
-        flags: dict[str, Any] = {name: bool(rng.random() < 0.8) for name in FLAGS}
-        kind = replace(kind, **flags)
+        kind = replace(kind, flags=kind.flags - {*VARIED} | {name for name in VARIED if rng.random() < 0.8})
     camera, coincides = _camera(rng, kind), number % 4 == 3
     camera = aligned(camera) if coincides else camera
     meshes = _meshes(rng, kind, camera)
@@ -98,7 +94,6 @@ def _settings(rng: Random, kind: Kind, scale: float) -> Settings:
 
 
 def _edges(rng: Random, kind: Kind, only: bool) -> Edges:
-    """Return edges of some kinds, drawn with any width."""
     count = rng.integers(1, 4) if rng.random() < 0.7 else 0
     kinds = tuple(EDGE_KINDS[k] for k in rng.integers(0, len(EDGE_KINDS), count)) or ("all",)
     width = 10.0 ** rng.uniform(-1.5, 0.8) if rng.random() < 0.8 else rng.uniform(5.0, MAX_WIDTH)

@@ -1,10 +1,11 @@
 """Fuzz by hand: `python tests/fuzz/run.py --scenes 0:20000 --files 0:20000 --seed 1` draws these random scenes and
-loads these damaged files, and prints each failure with its number. Scene N again: `--scenes N:N+1`, with its seed."""
+loads these damaged files. Each failure is printed with the command that repeats it, and the file of the scene, cut down."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "support"))
@@ -29,15 +30,11 @@ def main() -> int:
     arguments = parser.parse_args()
     if not (arguments.files or arguments.scenes):
         parser.error("expected --scenes or --files")
-    count = 0
-    for number in arguments.files:
-        for failure in file_failures([number], arguments.seed):
-            print(failure, flush=True)
-            count += 1
-    device = open_device(arguments.device) if arguments.scenes else None
-    for number in arguments.scenes:
-        print(f"scene {number}", end="\r", file=sys.stderr, flush=True)  # what a crash leaves
-        for failure in scene_failures(device, [number], arguments.seed):
+    device, count = open_device(arguments.device) if arguments.scenes else None, 0
+    ways = {"file": file_failures, "scene": partial(scene_failures, device)}
+    for what, number in [*(("file", n) for n in arguments.files), *(("scene", n) for n in arguments.scenes)]:
+        print(f"{what} {number}", end="\r", file=sys.stderr, flush=True)  # what a crash leaves
+        for failure in ways[what]([number], arguments.seed):
             print(failure, flush=True)
             count += 1
     print(f"{len(arguments.files)} files, {len(arguments.scenes)} scenes: {count} failed")

@@ -1,12 +1,14 @@
-"""Random scenes against the float64 oracle: drawing, judging, and shrinking what fails."""
+"""Random scenes against the float64 oracle: drawing, judging, and shrinking and saving what fails."""
 
 from __future__ import annotations
 
 import itertools
+import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,15 +31,27 @@ SHRINKING = 20.0  # seconds spent on shrinking a failing scene
 
 
 def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0) -> list[str]:
-    """Return what is wrong with random scenes, each with the smallest part of it that fails too."""
+    """Return what is wrong with random scenes, each with the file of the smallest part of it that fails too, and with the
+    command that repeats it."""
     failures = []
     for number in numbers:
         drawn = scene_of(number, seed)
         reason = scene_problem(device, drawn)
         if reason:
-            shrunk = shrink(drawn, lambda smaller: bool(scene_problem(device, smaller)))
-            failures.append(f"scene {number} of seed {seed}: {reason} [{shrunk}]")
+            smallest = shrink(drawn, lambda smaller: bool(scene_problem(device, smaller)))
+            path = Path(tempfile.mkdtemp(prefix="clshade-fuzz-")) / f"scene_{seed}_{number}.json"
+            smallest.scene.to_json(path)
+            command = f"python tests/fuzz/run.py --scenes {number}:{number + 1} --seed {seed} --device {device.index}"
+            failures.append(f"scene {number} of seed {seed}: {reason}\n{about(smallest)}\n{path}\nagain: {command}")
     return failures
+
+
+def about(drawn: RandomScene) -> str:
+    """Return what a row of test_saved_scenes.py needs to know of a scene."""
+    faces, standard = [len(mesh.faces) for mesh in drawn.scene.meshes], Settings.from_preset("standard")
+    changes = {name: value for name, value in vars(drawn.settings).items() if value != getattr(standard, name)}
+    forced = "no feature" if drawn.kind.specialize else "OPTIONAL"
+    return f"so do meshes of {faces} faces with {len(drawn.scene.lights)} lights, {forced} forced, {changes}"
 
 
 def scene_problem(device: Device, drawn: RandomScene) -> str:
@@ -66,7 +80,6 @@ def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
 
 
 def different_bits(one: Frame, second: Frame) -> str:
-    """Return a description of where the bits of two frames differ; "" if nowhere."""
     for name, a, b in (("rgba", one.rgba, second.rgba), *((k, one[k], second[k]) for k in one.layers)):
         if a.tobytes() != b.tobytes():
             pixels = [np.ascontiguousarray(x).reshape(*one.alpha.shape, -1).view(np.uint8) for x in (a, b)]
@@ -123,14 +136,12 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
 
 
 def _alpha_jumps(mesh: Mesh) -> bool:
-    """Return whether alpha jumps between the texels of a texture, and is tested or composited."""
     texture = mesh.material.texture
     return texture is not None and texture.filter == "nearest" and (mesh.tests_alpha or mesh.material.blend)
 
 
-def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool]) -> str:
-    """Return a description of the smallest part of a failing scene that still fails. The first mesh stays: it keeps
-    the program the same."""
+def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool]) -> RandomScene:
+    """Return the smallest part of a failing scene that still fails. The first mesh stays: it keeps the program the same."""
     end = time.perf_counter() + SHRINKING
 
     def attempt(**changed: Any) -> bool:
@@ -153,12 +164,10 @@ def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool]) -> str:
                 if not attempt(meshes=without(drawn.scene.meshes, k, slice(start, start + step))):
                     start += step
             step //= 2
-    faces = [len(mesh.faces) for mesh in drawn.scene.meshes]
-    return f"so do meshes of {faces} faces with {len(drawn.scene.lights)} lights"
+    return drawn
 
 
 def without(meshes: tuple[Mesh, ...], k: int, faces: slice) -> tuple[Mesh, ...]:
-    """Return the meshes without these faces of mesh k."""
     names = ("faces", "normal_faces", "uv_faces", "tangent_faces")
     indices = {name: getattr(meshes[k], name) for name in names if getattr(meshes[k], name) is not None}
     kept: Any = {name: np.delete(index, faces, axis=0) for name, index in indices.items()}

@@ -27,10 +27,7 @@ IMAGES = (".exr", ".hdr")
 
 @dataclass(frozen=True)
 class Sample:
-    """Files by name; the first is passed to `load`, or, if it is an image (of IMAGES), to `load_environment`.
-
-    texture: name of the file passed as option `texture`.
-    """
+    """Files by name; the first is loaded, or is an environment (of IMAGES). texture: name of the file of that option."""
 
     files: dict[str, bytes]
     texture: str = ""
@@ -262,7 +259,6 @@ def _animated() -> Gltf:
 
 
 def _text(d: Gltf, **fields: Any) -> bytes:
-    """Return the JSON of a document. fields: of its buffer."""
     return json.dumps({**d.json, "buffers": [{"byteLength": len(d.data), **fields}]}, indent=1).encode()
 
 

@@ -33,10 +33,7 @@ SAVED: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "blended_texels": (OPTIONAL, {}),
     "texels_at_cutoff": (OPTIONAL, {}),
     "faint_texels": (OPTIONAL, {**NOLIGHT, "scalars": DATA}),
-    "texels_of_samples": (
-        OPTIONAL,
-        {**NOLIGHT, "samples": 10, "visibility": "painter", "edges": EDGES, **VERTICES},
-    ),
+    "texels_of_samples": (OPTIONAL, {**NOLIGHT, "samples": 10, "visibility": "painter", "edges": EDGES, **VERTICES}),
     # With one pixel per work-item Intel's runtime dereferenced pointers of work-items that had left a loop early, and the
     # process crashed. No fault is seen any more with the vectorizer let loose on today's kernels.
     "items_that_leave": (

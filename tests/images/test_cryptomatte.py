@@ -22,17 +22,13 @@ def shown(seed, samples=6, rows=7, columns=9, limit=4):
 def test_hashes_are_those_of_murmur3():
     """Known values of MurmurHash3_x86_32 with seed 0; 0 is denormal as float32."""
     assert hashes(["", "hello", "hello, world"]).tolist() == [1 << 23, 0x248BFA47, 0x149BBB7F]
-
-
-def test_no_id_is_nan_infinite_or_denormal():
     ids = hashes(map(str, range(3000)))
     assert len(set(ids.tolist())) == 3000
-    values = np.abs(ids.view(np.float32))
-    assert np.isfinite(values).all()
-    assert (values >= np.finfo(np.float32).tiny).all()
+    assert (np.abs(ids.view(np.float32)) >= np.finfo(np.float32).tiny).all()
+    assert np.isfinite(ids.view(np.float32)).all()
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3, 6])
+@pytest.mark.parametrize("ranks", [1, 3, 6])
 def test_ranks_are_sorted_counts(ranks):
     numbers = shown(1)
     listed, counts = ranked(numbers, ranks)
@@ -42,10 +38,7 @@ def test_ranks_are_sorted_counts(ranks):
         expected = sorted(tally.items(), key=lambda item: (-item[1], item[0]))[:ranks]
         pairs = list(zip(listed[:, row, column].tolist(), counts[:, row, column].tolist(), strict=True))
         assert pairs == expected + [(0, 0)] * (ranks - len(expected))
-
-
-def test_one_sample_has_one_rank():
-    listed, counts = ranked(shown(2, samples=1), 6)
+    listed, counts = ranked(shown(2, samples=1), ranks)  # which has one rank
     assert listed.shape == (1, 7, 9)
     assert np.array_equal(counts, listed > 0)
 
@@ -66,7 +59,6 @@ def test_a_thing_is_recovered_from_its_name():
 
 
 def test_names_of_one_hash():
-    """They are refused where both are shown: masks would be mixed."""
     one, twin = "tree 33987", "tree 49036"
     assert hashes([one])[0] == hashes([twin])[0]
     numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
@@ -103,13 +95,9 @@ def test_others_read_the_part(tmp_path):
     [
         ({"names": {1: "bunny", 2: "floor"}}, "names: expected a name for 3, found none"),
         ({"ranks": 0}, "ranks: expected a whole number from 1 to 64"),
-        ({"label": 3}, "label: expected"),
         ({"label": ""}, "label: expected at least one letter"),
         ({"names": {**NAMES, 0: "sky"}}, "number of a name: expected a whole number from 1 to 4294967295, found 0"),
-        ({"names": {**NAMES, 2**70: "sky"}}, "number of a name: expected a whole number"),
         ({"names": {**NAMES, 4: 5}}, "names: expected a text, found 5"),
-        ({"numbers": shown(6)[0]}, r"numbers: expected an array of shape \(S, M, N\) of whole numbers"),
-        ({"numbers": shown(6)[:0]}, "numbers: expected an array"),
         ({"numbers": shown(6) * 0.5}, "numbers: expected an array"),
     ],
 )
@@ -119,28 +107,14 @@ def test_what_is_refused(change, part):
         matte(**arguments)
 
 
-def test_parts_that_are_refused(tmp_path):
+def test_parts_of_a_file():
     image, part = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
-    with open(tmp_path / "a.exr", "w+b") as file:
-        with pytest.raises(InputError, match="cryptomatte: expected channels of 8 x 7 pixels, found others"):
-            exr.encode(file, image[:, :8], parts={"cryptomatte": part})
-        for name in ("", "rgba", "layers", "a\n", "\ud800", 3):
-            with pytest.raises(InputError, match="exr: parts: expected names of at least one letter, other than rgba"):
-                exr.encode(file, image, parts={name: part})
-
-
-def test_pixels_have_the_shape_of_the_first_parts(tmp_path):
-    """As OpenEXR wants it."""
-    image, part = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
-    for more in ({}, {"pixelAspectRatio": 2.0}):
-        with open(tmp_path / "a.exr", "w+b") as file:
-            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (part.channels, more)})
-        assert exr.read(tmp_path / "a.exr")[1]["pixelAspectRatio"] == 1.25
-
-
-def test_warnings_and_errors_name_the_part():
-    image, huge = np.zeros((7, 9, 3), np.float32), np.full((7, 9), 1e300)
+    huge = np.full((7, 9), 1e300)
     (warning,) = exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge}, {})})
     assert warning.startswith("more.R: 63 finite values")
-    with pytest.raises(InputError, match=r"exr: more\.R: expected floats or whole numbers"):
-        exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge * 1j}, {})})
+    for parts, message in (
+        ({"cryptomatte": ({"R": huge[1:]}, {})}, "cryptomatte: expected channels of 9 x 7 pixels, found others"),
+        *(({name: part}, "exr: parts: expected names of at least one letter") for name in ("", "rgba", "\ud800", 3)),
+    ):
+        with pytest.raises(InputError, match=message):
+            exr.encode(io.BytesIO(), image, parts=parts)

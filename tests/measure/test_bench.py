@@ -1,36 +1,27 @@
-"""`bench`: workloads, counts, tables, files, the command. Only one time is judged: a start with an empty cache takes
-longer."""
+"""`bench`: workloads, counts, tables, the command; and OpenGL's image, which must agree before times are compared."""
 
 from __future__ import annotations
 
 import csv
 import json
+import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
-from speeds import WORKLOADS, results_of, timed
+from command_line import assert_refused, run
+from speeds import SMALL, WORKLOADS, results_of, timed
 
-from clshade.errors import ClshadeError, DeviceError
+from clshade.errors import ClshadeError, DeviceError, InputError
 from clshade.measure.bench import bench, device_peaks, workloads
+from clshade.measure.bench.agreement import TEXTURED, TOLERANCE, Agreement, agreement
 from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, time_frames
-from clshade.measure.bench.workloads import Workload, knot, thing
+from clshade.measure.bench.opengl import MissingOpenGL, OpenGL, check_drawn, open_context
+from clshade.measure.bench.workloads import Workload, full_screen, knot, thing
 from clshade.pipeline.renderer import Renderer, render
-
-# Workloads
-
-
-def test_workloads_are_what_they_say():
-    made = {workload.name: workload.make() for workload in workloads.WORKLOADS}
-    assert {scene.preset for scene in made.values()} == {"standard"}
-    assert {mesh.material.n for scene in made.values() for mesh in scene.meshes} == {20.0}
-    for name, scene in made.items():
-        assert len(scene.lights) == (int(name[7:]) if name.startswith("lights") else 3), name
-    assert (made["object-4096"].face_count, made["object-4096"].camera.resolution) == (10_816, (4096, 4096))
-    assert (made["knot-2160"].face_count, made["knot-2160"].camera.resolution) == (1_000_000, (3840, 2160))
-
+from clshade.scene.model import Mesh, Scene
 
 # Counts
 
@@ -49,28 +40,13 @@ def test_stages_bytes_and_flops(opened):
     assert large.bytes - small.bytes == 16 * (64**2 - 32**2)
     assert large.flops == large.covered * (PIXEL_FLOPS + 3 * LIGHT_FLOPS)
     frame = render(thing(64, level=2), device=opened)
-    assert large.covered == np.count_nonzero(frame.alpha)
-    assert large.held == frame.stats["bytes"]
+    assert (large.covered, large.held) == (np.count_nonzero(frame.alpha), frame.stats["bytes"])
     few, many = (drawn(knot(n, (32, 32)), opened) for n in (200, 2000))
     corners = 2000 // 2 - 200 // 2  # a closed surface of this kind has half as many vertices as triangles
-    # indices of 4 bytes; positions and normals of at least 3 float32 per vertex
     assert many.bytes - few.bytes >= (2000 - 200) * 12 + corners * 24
-
-
-def test_other_shaders_have_no_floor_of_operations(opened):
     timing = drawn(thing(16, level=2), opened, shader="gouraud")
     assert timing.flops is None
     assert timing.floor_ms(device_peaks.Peaks(flops=1e-9, fill=2e3)) == pytest.approx(timing.bytes / 2.0)
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
-def test_peaks(opened, changes):
-    rates = device_peaks.peaks(replace(opened, **changes))
-    assert all(1e7 < rate < 1e16 for rate in rates)  # no device copies as little as 10 MB per second
-
-
-# Tables, files, the command
 
 
 def test_the_tables_hold_what_was_measured(tmp_path):
@@ -84,9 +60,11 @@ def test_the_tables_hold_what_was_measured(tmp_path):
     assert sum("NO" in line for line in lines) == 1
     timings.write(tmp_path / "b")
     rows = list(csv.DictReader((tmp_path / "b.csv").open()))
-    assert [(row["name"], row["ratio"], row["same"]) for row in rows] == [("w", "6.0", "True"), ("v", "", "False")]
+    assert [[row[name] for name in ("name", "ratio", "same", "gflops")] for row in rows] == [
+        ["w", "6.0", "True", "5.0"],
+        ["v", "", "False", ""],
+    ]
     assert [rows[0][name] for name in ("gb_s", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
-    assert (rows[0]["gflops"], rows[1]["gflops"]) == ("5.0", "")
 
 
 @pytest.fixture
@@ -96,31 +74,24 @@ def small_workloads(monkeypatch):
 
 
 @pytest.mark.usefixtures("small_workloads")
-def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, folder):
     Path("own.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     command = ("bench", "own.obj", "teapot", "--device", opened.index, "--frames", "2")
     code, out, _ = run(capsys, *command, "--resolution", "48,32", "--look", "plain", "--samples", "4", "-o", "b")
     assert code == 0
-    assert {path.name for path in tmp_path.glob("b.*")} == {"b.csv", "b.json", "b.md"}
     figures = json.loads(Path("b.json").read_text())
     assert [(figure["name"], figure["image"], figure["frames"]) for figure in figures["frames"]] == [
         ("own.obj", "48x32", 2),
         ("teapot", "48x32", 2),
     ]
-    assert figures["bytes_held"][1]["scene"] > figures["bytes_held"][0]["scene"] > 0
-    assert figures["bytes_held"][0]["image"] == 48 * 32 * 16
-    assert [figure["name"] for figure in figures["bytes_held"]] == ["own.obj", "teapot"]
-    assert opened.title in out
-    assert opened.title in Path("b.md").read_text()
-    Path("knot").write_text("v 0 0 0\n")  # a file of a workload's name counts
-    assert run(capsys, "bench", "knot", "--device", opened.index)[0] == 2
-    code, out, _ = run(capsys, "bench", "quads", "--device", opened.index, "--frames", "1")  # not the built-in scene
-    assert code == 0
-    assert "48x32" in out
+    own, teapot = figures["bytes_held"]
+    assert teapot["scene"] > own["scene"] > 0
+    assert own["image"] == 48 * 32 * 16
+    code, out, err = run(capsys, "bench", "--list")
+    assert (code, err) == (0, [])
+    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [w.name for w in WORKLOADS]
 
 
-@pytest.mark.usefixtures("small_workloads")
 def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypatch):
     monkeypatch.setattr(bench, "open_device", lambda *_, **__: replace(opened, max_allocation=1 << 12))
     with pytest.raises(DeviceError, match="the device allows 4096"):
@@ -136,8 +107,99 @@ def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypat
     assert "quads" in out
 
 
-def test_the_list_names_all(capsys):
-    code, out, err = run(capsys, "bench", "--list")
-    assert (code, err) == (0, [])
-    named = [line.split()[0] for line in out.splitlines() if not line.startswith(" ")]
-    assert named == [workload.name for workload in workloads.WORKLOADS]
+@pytest.fixture
+def context():
+    try:
+        return open_context("llvmpipe")
+    except MissingOpenGL as error:
+        pytest.skip(str(error))
+
+
+def two_meshes() -> Scene:
+    """A quad before another, seen from behind, whose material is lit on both sides."""
+    scene = full_screen(1, (48, 32))
+    (mesh,) = scene.meshes
+    material = replace(mesh.material, two_sided=True, color=(1.0, 0.2, 0.1))
+    turned = replace(mesh, faces=mesh.faces[:, ::-1], normals=-mesh.normals, material=material)
+    return replace(scene, meshes=(mesh, replace(turned, verts=0.5 * mesh.verts + [0.0, 0.0, -0.5])))
+
+
+PICTURES = {**SMALL, "two-sided": two_meshes, "textured": lambda: thing(96, level=3, textured=True)}
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("name", PICTURES)
+def test_opengl_draws_the_same_picture(opened, context, name):
+    scene, tolerance = PICTURES[name](), TEXTURED if name == "textured" else TOLERANCE
+    with closing(OpenGL(context, scene)) as reference:
+        frame, image = render(scene, device=opened, layers=("id",)), reference.draw(scene.camera)
+    comparison = agreement(frame.rgb, frame["id"], image, tolerance)
+    assert comparison.same
+    assert comparison.interior > 0.05
+    assert (image[..., 3] == frame.alpha).mean() > 0.99
+    if name == "textured":
+        plain = replace(scene, meshes=tuple(map(workloads.phong_mesh, scene.meshes)))
+        assert not agreement(render(plain, device=opened).rgb, frame["id"], image, tolerance).same
+
+
+PLAIN = thing(8, level=2)
+PLACED = Mesh(np.eye(3), [[0, 1, 2]], instances=np.diag([2.0, 1.0, 1.0, 1.0])[None])
+BEHIND = replace(PLAIN.camera, eye=np.zeros(3), lookat=np.ones(3))
+NOT_DRAWN = [
+    ({}, {"shader": "nolight"}, ("no phong", "no lighting")),
+    ({}, {"shadows": True}, ("casters", "shadows")),
+    ({"camera": replace(PLAIN.camera, principal=(0.5, 0.25))}, {}, ("principal point",)),
+    ({"camera": BEHIND}, {}, ("behind the eye",)),
+    ({"meshes": (PLACED,)}, {}, ("placed by matrices",)),
+]
+
+
+@pytest.mark.parametrize(("changes", "options", "named"), NOT_DRAWN)
+def test_scenes_that_opengl_does_not_draw(opened, changes, options, named):
+    with (
+        Renderer(replace(PLAIN, **changes), device=opened, **options) as renderer,
+        pytest.raises(InputError, match="--look plain") as caught,
+    ):
+        check_drawn(renderer.scene, renderer.features.used)
+    assert all(name in str(caught.value) for name in named)
+
+
+def test_without_moderngl_nothing_is_measured(opened, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "moderngl", None)
+    monkeypatch.setattr(bench, "measure", lambda *arguments: pytest.fail("something was measured"))
+    refusal = run(capsys, "bench", "quads", "--device", opened.index, "--against", "llvmpipe")
+    assert_refused(refusal, "llvmpipe: moderngl is not installed (pip install moderngl, or clshade's extra `peers`)")
+
+
+@pytest.mark.usefixtures("context")
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_images_are_compared_before_times(opened, capsys, monkeypatch, factor):
+    draw = OpenGL.draw
+    monkeypatch.setattr(OpenGL, "draw", lambda self, camera: np.float32(factor) * draw(self, camera))
+    monkeypatch.setattr(bench, "open_device", lambda *_, **__: opened)
+    same = bench.run([Workload("small", "", SMALL["quads"])], None, frames=6, against="llvmpipe")
+    lines = capsys.readouterr().out.splitlines()
+    assert same == (factor == 1.0)
+    assert any(line.split()[-1:] == ["yes" if same else "NO"] for line in lines)
+    assert any("llvmpipe (" in line for line in lines)
+    assert bench.measure(Workload("small", "", SMALL["quads"]), opened, 26, "llvmpipe").compared.turns == 6
+
+
+def test_agreement_of_images():
+    """Of two triangles in smooth colors: an error inside of one is found, one on an edge is allowed."""
+    ids = np.zeros((20, 24), np.uint32)
+    ids[2:18, 3:12], ids[2:18, 12:21] = 1, 2
+    rows, columns = np.indices(ids.shape)
+    smooth = (1.0 + 0.01 * rows + 0.02 * columns)[..., None] * np.array([1.0, 0.5, 0.25])
+    image = (smooth * (ids > 0)[..., None]).astype(np.float32)
+    interior = 2 * 14 * 7 / (16 * 18)
+    assert agreement(image, ids, image) == Agreement(interior, largest=0.0, tolerance=TOLERANCE, others=1.0)
+    wrong, edge = image.copy(), image.copy()
+    wrong[8, 6, 1] += np.float32(2.0 * TOLERANCE * image.max())
+    comparison = agreement(image, ids, wrong)
+    assert comparison.largest == pytest.approx(2.0 * TOLERANCE, rel=1e-3)  # float32 of a color near 1: 6e-5
+    assert not comparison.same
+    edge[2:18, 12] = image[2:18, 11]  # the other triangle owns the pixels of its neighbor's border
+    assert agreement(image, ids, edge).same
+    for spoiled in (np.roll(image, 3, axis=0), image * np.nan):
+        assert not agreement(image, ids, spoiled).same

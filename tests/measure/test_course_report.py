@@ -33,7 +33,6 @@ def rows(page):
 
 @pytest.mark.long
 def test_the_page(opened, capsys, tmp_path):
-    """The figures are those of the course's functions, with the texture that lies beside the scene."""
     scene = small((48, 40))
     path = tmp_path / "h3.npy"
     course.save(with_texture(scene, None), path)
@@ -61,21 +60,26 @@ def test_the_page(opened, capsys, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("lacks", ["texture", "lights"])
-def test_what_a_scene_lacks_is_left_out_and_named(opened, tmp_path, monkeypatch, lacks):
+@pytest.mark.parametrize(
+    ("lacks", "size", "missing", "columns", "shape"),
+    [
+        ("texture", (32, 24), range(17, 20), 2, (12, 16, 3)),
+        ("lights", (1, 1), (2, 3, 5, 6, 7, 10, 11, 13, 14, 15), 4, (1, 1, 3)),
+    ],
+)
+def test_what_a_scene_lacks_is_left_out_and_named(opened, tmp_path, monkeypatch, lacks, size, missing, columns, shape):
     """Also in an image of one pixel, and in one that is reduced; a hostile name is text."""
     monkeypatch.setattr(course_report, "LARGEST", 16)
     hostile = "<script>alert(1)</script>\x1b\u202e"
-    scene = replace(small((32, 24) if lacks == "texture" else (1, 1)), name=hostile)
+    scene = replace(small(size), name=hostile)
     scene = with_texture(scene, None) if lacks == "texture" else replace(scene, lights=())
     page = parsed(course_report.run(scene, hostile, tmp_path / "a.html", "1.2.3").read_bytes())
-    missing = range(17, 20) if lacks == "texture" else (2, 3, 5, 6, 7, 10, 11, 13, 14, 15)
     assert list(images(page)) == [f"f{number}" for number in range(1, 20) if number not in missing]
-    assert {image.shape for image in images(page).values()} == {(12, 16, 3) if lacks == "texture" else (1, 1, 3)}
+    assert {image.shape for image in images(page).values()} == {shape}
     terms = {term.text: value.text for term, value in zip(page.all("dt"), page.all("dd"), strict=True)}
     assert terms[f"no figure {', '.join(map(str, missing))}"] == f"the scene has no {lacks}"
     assert "clshade 1.2.3" in terms["software"]
-    assert len(page.all("table")[0].all("th")) - len(rows(page)) == (2 if lacks == "texture" else 4)
+    assert len(page.all("table")[0].all("th")) - len(rows(page)) == columns
     assert not page.all("script")
     assert not {"\x1b", "\u202e"} & set(page.text)
 

@@ -26,9 +26,6 @@ def close(actual, expected, rtol=1e-12, atol=1e-12) -> bool:
     return np.allclose(actual, expected, rtol=rtol, atol=atol)
 
 
-# Transform
-
-
 def test_camera_frame_is_right_handed_and_unmirrored():
     axes = transform.camera_frame(replace(CAMERA, eye=(0, 0, 4), lookat=(0, 0, 0)))
     assert np.array_equal(axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
@@ -43,7 +40,7 @@ def test_camera_frame_is_right_handed_and_unmirrored():
         assert np.array_equal(transform.camera_frame(larger), axes)
 
 
-def test_projection_and_snapping():
+def test_projection_snapping_and_placing():
     oblong = replace(CAMERA, plane=(1.0, 2.0), resolution=(100, 50))
     uv = transform.project(np.array([[0.0, 0, 5], [1, 1, 2], [-1, 0, 4]]), oblong)
     assert np.array_equal(uv, [[50, 25], [75, 50], [37.5, 25]])
@@ -52,11 +49,7 @@ def test_projection_and_snapping():
     far = replace(CAMERA, lookat=(0, 0, 2.0))
     assert transform.near_distance(np.array([[0.0, 0, 0], [3, 4, 0]]), far) == 2.5e-4
     assert transform.near_distance(np.ones((1, 3)), far) == 2e-4
-
-
-def test_world_vertices():
     verts = np.array([[1.0, 2, 3], [0, 0, 0]], np.float32)
-    assert np.array_equal(transform.world_vertices(verts, np.eye(4)), verts)
     turn = np.array([[0.0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 2, 30], [0, 0, 0, 1]])
     assert transform.world_vertices(verts, turn).tolist() == [[8, 21, 36], [10, 20, 30]]
 
@@ -97,8 +90,8 @@ def test_errors_of_vertex_normals_of_slivers():
         assert 1e-16 / width < allowed.max() < 1e-13 / width
     assert max(shares) > 0.02  # the bound is not far too large
     lone = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]])
-    assert vertex_normals(lone, [[0, 1, 2], [0, 2, 1]])[1].tolist() == [0.0] * 4
-    assert not vertex_normals(lone, np.zeros((0, 3), int))[1].any()
+    for faces in ([[0, 1, 2], [0, 2, 1]], np.zeros((0, 3), int)):
+        assert vertex_normals(lone, faces)[1].tolist() == [0.0] * 4
 
 
 def test_placed_normals_stay_perpendicular():
@@ -113,9 +106,6 @@ def test_placed_normals_stay_perpendicular():
         assert placed @ np.linalg.inv(matrix[:3, :3]).T @ normal > 0
     mirror = np.diag([-1.0, 1, 1, 1])
     assert close(placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror)[0], [[-1, 0, 0], [0, 1, 0]])
-
-
-# Clipping
 
 
 def test_near_clip_lands_on_the_plane_and_agrees_between_neighbors():
@@ -145,13 +135,8 @@ def test_pieces_pass_drop_and_cut():
     assert np.array_equal(cut.weights[2], np.eye(3))
     assert (cut.z >= 0.1).all()
     assert ((cut.xy >= clip.GUARD[0] * PIXEL) & (cut.xy <= clip.GUARD[1] * PIXEL)).all()
-    assert (
-        sum(coverage.triangle_mask(xy, 32, 32).astype(int) for xy in cut.xy[cut.face == 3]).tolist() == [[1] * 32] * 32
-    )
-
-
-def test_guard_band_of_an_oblong_image():
-    corners = np.array([[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]])
+    # In an oblong image too the parts of a huge triangle cover each pixel once.
+    corners = np.array(huge)
     camera = replace(CAMERA, focal=2.0, plane=(1.0, 4.0), resolution=(64, 20))
     cut = clip.pieces(corners[None], 0.1, camera)
     low, high = (limit * PIXEL for limit in clip.GUARD)
@@ -160,9 +145,6 @@ def test_guard_band_of_an_oblong_image():
     assert sum(coverage.triangle_mask(xy, 64, 20).astype(int) for xy in cut.xy).tolist() == [[1] * 64] * 20
     back = transform.project(cut.weights @ corners, camera)
     assert close(back * PIXEL, cut.xy, rtol=0, atol=0.51)
-
-
-# Coverage
 
 
 def exact_mask(xy, columns: int, rows: int) -> np.ndarray:
@@ -203,28 +185,6 @@ def test_coverage_equals_exact_arithmetic():
         assert (edges.sum(axis=-1) == abs(area)).all()
 
 
-@pytest.mark.parametrize("turn", range(12))
-def test_shared_edges_are_drawn_once(turn):
-    """A disc of twelve needles around a pixel center, and a ring of quads outside: no overlap, no hole."""
-    angle = (np.arange(12) + turn / 12) * math.pi / 6
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    inner, outer = (np.rint(PIXEL * (16.5 + r * ring)).astype(int) for r in (6, 15))
-    count = np.zeros((33, 33), int)
-    for i in range(12):
-        j = (i + 1) % 12
-        for xy in (
-            [[16 * PIXEL + coverage.HALF] * 2, inner[i], inner[j]],
-            [inner[i], outer[i], inner[j]],
-            [inner[j], outer[i], outer[j]],
-        ):
-            count += coverage.triangle_mask(np.array(xy), 33, 33)
-    rows, columns = np.indices(count.shape)
-    distance = np.hypot(rows - 16, columns - 16)
-    assert (count <= 1).all()
-    assert (count[distance < 15 * math.cos(math.pi / 12) - 0.1] == 1).all()
-    assert not count[distance > 15.1].any()
-
-
 def test_setup_culls():
     side = 4 * PIXEL
     ccw = np.array([[0, 0], [side, 0], [0, side]])
@@ -254,16 +214,11 @@ def test_painter_order():
     assert order.tolist() == [3, 2, 1, 0, 5]
 
 
-# Shading
-
-
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_depths_much_nearer_than_a_corner_keep_their_digits(orthographic):
     e, z = (2**40 - 3, 2, 1), (2.0**-30, 5.0, 7.0)
-    terms = [
-        Fraction(k) * Fraction(d) if orthographic else Fraction(k) / Fraction(d) for k, d in zip(e, z, strict=True)
-    ]
-    exact = sum(terms) / 2**40 if orthographic else 2**40 / sum(terms)
+    total = sum(Fraction(k) * Fraction(d) ** (1 if orthographic else -1) for k, d in zip(e, z, strict=True))
+    exact = total / 2**40 if orthographic else 2**40 / total
     assert abs(Fraction(float(shade.depth(np.array(e), np.array(z), orthographic))) / exact - 1) < 8 * 2.0**-53
 
 
@@ -292,17 +247,16 @@ def test_light_closed_forms():
     assert close(lit(l_pos=(1, 0, 1), eye=(-2, 0, 2), kd=0, ks=0.5, n=1e9), 0.1 + 2 * 0.5)
     assert close(lit(l_pos=(1, 0, 1), eye=(2, 0, 1), kd=0, ks=0.5, n=0), 0.1)  # R.V < 0
     assert close(lit(l_pos=(1, 0, 1), eye=(-2, 0, 1), kd=0, ks=0.5, n=0), 0.1 + 2 * 0.5)
-
-
-def test_light_degenerate_inputs_contribute_zero():
+    # Degenerate input contributes nothing.
     assert close(lit(normal=(0, 0, 0), ks=1.0), 0.1)
     assert close(lit(l_pos=(0, 0, 0), ks=1.0), 0.1)
     assert close(lit(eye=(0, 0, 0), ks=1.0, n=0), 0.1 + 2 * 0.5)
     for scale in (1e-200, 1e200):
-        assert close(lit(l_pos=(0, 0, scale), eye=(0, 0, scale), normal=(0, 0, scale)), 0.1 + 2 * 0.5)
+        for axis in np.eye(3):
+            assert close(lit(l_pos=scale * axis, eye=scale * axis, normal=scale * axis), 0.1 + 2 * 0.5)
 
 
-@pytest.mark.parametrize("n", [1, 20, 200, 1e4, 1e9])
+@pytest.mark.parametrize("n", [1, 20, 1e9])
 def test_highlight_against_mpmath(n):
     """Inside the lobe the power's condition number is about 2*sqrt(n) in the directions, 1e-16 each."""
     rng = np.random.default_rng(5)
@@ -312,9 +266,9 @@ def test_highlight_against_mpmath(n):
             l_pos, eye = np.array([0.3, 0.2, 1.0]), np.array([-0.3, -0.2, 1.0]) + spread * rng.uniform(-0.5, 0.5, 3)
             l_unit, v_unit = (mpmath.matrix(v.tolist()) / mpmath.norm(mpmath.matrix(v.tolist())) for v in (l_pos, eye))
             cosine = -l_unit[0] * v_unit[0] - l_unit[1] * v_unit[1] + l_unit[2] * v_unit[2]
-            expected = 2 * float(cosine ** mpmath.mpf(n))
             value = lit(l_pos=l_pos, eye=eye, kd=0, ks=1.0, n=n)[0] - 0.1
-            assert value == pytest.approx(expected, rel=16 * math.sqrt(n + 1) * 2**-53, abs=1e-15)
+            expected = pytest.approx(2 * float(cosine ** mpmath.mpf(n)), rel=16 * math.sqrt(n + 1) * 2**-53, abs=1e-15)
+            assert value == expected
 
 
 def test_conditioning_budget_and_gate():
@@ -331,6 +285,10 @@ def test_conditioning_budget_and_gate():
     surface = Surface(1.0, np.full(3, 0.1), {"kd": np.full(3, 0.2), "ks": np.full(3, 0.3)})
     budget = shade.budget(np.array([0.5, 1, 3]), surface, np.array([[2.0, 2, -2]] * 2))
     assert close(budget, [2.1, 2.1, 6.1])
+    # It holds the light also with tinted ambient light, for any color of the surface.
+    dark = np.array([9.0, 0.5, 1.0]), Surface(1.0, np.full(3, 0.25)), np.zeros((0, 3))
+    assert shade.budget(*dark, False).tolist() == [0.25] * 3
+    assert shade.budget(*dark, True).tolist() == [2.25, 0.25, 0.25]
     # In orthographic projection directions to the eye are exact, and coordinates are relative to the origin.
     beside = point[:1] + [0, 0, 1]
     assert kappa(point[:1], 1e6, eye=beside, parallel=True) == pytest.approx(1e6)
@@ -363,9 +321,6 @@ def test_highlights_that_may_be_decided_either_way():
     for height, doubtful in ((2e-6, True), (-2e-6, True), (1.5e-5, False), (-1.5e-5, False)):  # R.V is about as large
         assert jump((1, 0, -1 + height), n=0.0).any() == doubtful
     assert not jump((3, 0, -2), normal=(0.0, 0, 0)).any()
-
-
-# Texture
 
 
 IMAGE = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
@@ -422,12 +377,3 @@ def test_steepness_is_the_slope_of_the_highlight():
     assert steepness(shiny(0.25), low) == pytest.approx(0.25 * 1e-8**-0.75)
     assert steepness(shiny(0.25), low, -UP) == 1.0
     assert steepness(Surface(np.array([0.25]), k={"ks": np.zeros((1, 3))}), low) == 1.0
-
-
-def test_the_budget_holds_the_light():
-    """Also with tinted ambient light, for any color of the surface."""
-    color, ambient = np.array([9.0, 0.5, 1.0]), np.full(3, 0.25)
-    for tinted in (False, True):
-        budget = shade.budget(color, Surface(1.0, ambient), np.zeros((0, 3)), tinted)
-        assert (budget >= ambient * (color if tinted else 1.0)).all()
-        assert budget.tolist() == ([2.25, 0.25, 0.25] if tinted else [0.25] * 3)

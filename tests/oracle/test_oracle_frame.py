@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +11,7 @@ import oracle_asserts
 import pytest
 
 from clshade import oracle
-from clshade.oracle import coverage
 from clshade.oracle import frame as oracle_frame
-from clshade.oracle.frame import owners
-from clshade.oracle.shot import prepare
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 from clshade.scene.settings import PRESETS
@@ -42,13 +38,16 @@ def draw(*meshes: Mesh, preset: str = "standard", camera: Camera = CAMERA, light
     return oracle.render(Scene(meshes, camera, lights, sky, preset=preset), settings)
 
 
-@pytest.mark.parametrize("far", [1e4, 1e10])
+@pytest.mark.parametrize("far", [1e4, 1e10, 1e38, 1e200])
 def test_triangle_far_beyond_the_screen_covers_all_of_it(far):
-    frame = draw(
-        Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]]), shader="nolight", near=0.1
-    )
-    assert (frame.id == 1).all()
-    assert close(frame.Z, 4, rtol=1e-12)
+    """Beyond float32 its depth has few digits, but the square in front of it is intact."""
+    triangle = Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]])
+    frame = draw(triangle, quad(z=1.0), near=0.1)
+    assert (frame.id[10:22, 10:22] >= 2).all()
+    assert np.isfinite(frame.rgb).all()
+    if far < 1e38:
+        assert (frame.id[[0, -1]] == 1).all()
+        assert close(frame.Z[frame.id == 1], 4, rtol=1e-12)
 
 
 def test_floor_through_the_eye_plane():
@@ -62,16 +61,6 @@ def test_floor_through_the_eye_plane():
     # Snapping moves the ends of edges, and the depth with them, by up to 1/131072 px of the 1/2 px to the horizon.
     assert close(frame.Z[16:, 16], 1 / below, rtol=1 / 65536)
     assert np.isfinite(frame.rgb).all()
-
-
-@pytest.mark.parametrize("far", [1e38, 1e200])
-def test_coordinates_beyond_float32_are_harmless(far):
-    frame = draw(Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]]), quad(z=1.0), near=0.1)
-    assert np.isfinite(frame.rgb).all()
-    assert (frame.id[10:22, 10:22] >= 2).all()  # the quad in front of it is intact
-
-
-# Frames
 
 
 def pixel_position(row: int, column: int, z: float = 0.0) -> np.ndarray:
@@ -159,24 +148,13 @@ def test_clipped_pieces_keep_the_painters_depth():
     assert (alone.id > 0).sum() > 100
 
 
-def test_batches_change_nothing():
-    scene = Scene((blob(), blob()), CAMERA, (LIGHT,))
-    row, column = np.divmod(np.arange(32 * 32), 32)
-    for visibility in ("painter", "depth"):
-        shot = prepare(scene, Settings(visibility=visibility))
-        expected = owners(shot, column, row)
-        # Each face has a twin, the later of which is visible.
-        assert shot.pieces.face[expected[expected >= 0]].min() >= 400
-        for limit in (150, 3000):
-            some = partial(coverage.samples_at, limit=limit)
-            assert np.array_equal(owners(shot, column, row, covered=some), expected)
-
-
 def test_culling_and_winding():
     back = replace(quad(), faces=np.array(QUAD)[:, ::-1])
-    assert draw(quad(), cull=True).alpha.sum() == 256
-    assert draw(back, cull=True).alpha.sum() == 0
-    assert draw(back).alpha.sum() == 256
+    assert [draw(quad(), cull=True).alpha.sum(), draw(back, cull=True).alpha.sum(), draw(back).alpha.sum()] == [
+        256,
+        0,
+        256,
+    ]
 
 
 def test_orientation_and_faces_of_instances():
@@ -187,9 +165,8 @@ def test_orientation_and_faces_of_instances():
     assert (frame.id[4:12, 4:12] >= 3).all()  # up and left: the first instance
     assert (frame.id[4:12, 4:12] <= 4).all()
     assert (frame.id[20:28, 20:28] >= 5).all()
-    assert frame.rgb[11, 4].argmax() == 0  # red is bottom left, green bottom right, blue top right
-    assert frame.rgb[11, 11].argmax() == 1
-    assert frame.rgb[4, 11].argmax() == 2
+    # Red is bottom left, green bottom right, blue top right.
+    assert [frame.rgb[at].argmax() for at in ((11, 4), (11, 11), (4, 11))] == [0, 1, 2]
     assert frame.rgb[4, 4].min() > 0.8
 
 
@@ -249,17 +226,14 @@ def test_texture_rows_go_up_with_v():
 def blob(count: int = 400, seed: int = 6) -> Mesh:
     """Return triangles of all sizes around the origin, some of them behind the eye."""
     rng = np.random.default_rng(seed)
-    verts = rng.normal(size=(count, 1, 3)) * [1, 1, 2] + rng.normal(size=(count, 3, 3)) * rng.uniform(
-        0.05, 1, (count, 1, 1)
-    )
-    verts = np.round(verts * 64) / 64
+    middles, corners = rng.normal(size=(count, 1, 3)) * [1, 1, 2], rng.normal(size=(count, 3, 3))
+    verts = np.round((middles + corners * rng.uniform(0.05, 1, (count, 1, 1))) * 64) / 64
     return Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors=rng.uniform(0, 1, (3 * count, 3)))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_scale_and_offset_change_nothing(preset):
-    settings = Settings.from_preset(preset)
-    scene = Scene((blob(),), CAMERA, (LIGHT,), preset=preset)
+    settings, scene = Settings.from_preset(preset), Scene((blob(),), CAMERA, (LIGHT,), preset=preset)
     plain = oracle.render(scene, settings)
     assert plain.alpha.mean() > 0.5
 
@@ -287,15 +261,11 @@ def test_pixels_parts_and_depth_at_agree_with_render(preset, monkeypatch):
     some = oracle.render(scene, settings, rows[5:9, 3], columns[5:9, 3])
     assert np.array_equal(some.rgb, frame.rgb[5:9, 3])
     monkeypatch.setattr(oracle_frame, "MAX_SAMPLES", 300)
-    assert all(
-        np.array_equal(values, getattr(frame, name)) for name, values in vars(oracle.render(scene, settings)).items()
-    )
+    for name, values in vars(oracle.render(scene, settings)).items():
+        assert np.array_equal(values, getattr(frame, name)), name
     if settings.visibility == "depth":  # no face is nearer anywhere
         for face in range(0, 400, 7):
             assert (oracle.depth_at(scene, settings, face, rows.ravel(), columns.ravel()) >= frame.Z.ravel()).all()
-
-
-# Comparisons
 
 
 class Rounded(SimpleNamespace):
@@ -316,50 +286,25 @@ def case(request):
     return oracle.render(scene, settings), scene, settings
 
 
-def test_comparators_accept_rounding(case):
-    measured = oracle_asserts.assert_frame(rounded(case[0]), *case).bounds
-    assert 0 < measured <= 1  # one rounding of a value that is at most its budget
-
-
 @pytest.mark.parametrize(
     ("message", "plant"),
     [
         ("rgb: expected", lambda f: setattr(f, "rgb", f.rgb.astype(np.float64))),
-        ("rgb: expected", lambda f: setattr(f, "rgb", f.rgb[:-1])),
         ("id: expected", lambda f: f.layers.update(id=f.layers["id"].astype(np.int64))),
         ("rgb: not finite", lambda f: f.rgb.__setitem__((3, 4, 1), np.nan)),
         ("Z: NaN", lambda f: f.layers["Z"].__setitem__((3, 4), np.nan)),
-        ("ids differ: 1 of", lambda f: f.layers["id"].__setitem__((16, 16), 0)),
         ("ids differ: 1 of", lambda f: f.layers["id"].__setitem__((16, 16), 401)),
-        ("ids differ", lambda f: f.layers.update(id=np.roll(f.layers["id"], 1, axis=1))),
         ("alpha differs: 1 of", lambda f: f.alpha.__setitem__((16, 16), 0.5)),
         ("depths off", lambda f: f.layers["Z"].__setitem__((16, 16), f.layers["Z"][16, 16] * (1 + 11.5 * 2**-24))),
-        ("depths off", lambda f: f.layers["Z"].__setitem__((16, 16), np.inf)),
         ("colors off", lambda f: f.rgb.__setitem__((16, 16, 2), f.rgb[16, 16, 2] + 0.01)),
-        ("colors off", lambda f: setattr(f, "rgb", f.rgb[:, ::-1].copy())),
     ],
 )
-def test_comparators_find_planted_errors(case, message, plant):
+def test_comparators_accept_rounding_and_find_planted_errors(case, message, plant):
     frame = rounded(case[0])
+    assert 0 < oracle_asserts.assert_frame(frame, *case).bounds <= 1  # one rounding of at most the budget
     plant(frame)
     with pytest.raises(AssertionError, match=message):
         oracle_asserts.assert_frame(frame, *case)
-
-
-def test_depth_ties_are_excepted_only_with_proof():
-    """The eye is at distance 4, of which 2^-38 is 1.5e-11."""
-    scene = Scene((quad(), quad(z=-1e-12), quad(z=-3e-11)), CAMERA)
-    settings = Settings()
-    expected = oracle.render(scene, settings)
-    frame = rounded(expected)
-    at = np.nonzero(expected.id == 1)
-    frame.layers["id"][at[0][:5], at[1][:5]] = 3  # the twin just behind
-    assert oracle_asserts.assert_same_ids(frame, expected, scene, settings).sum() == 5
-    with pytest.raises(AssertionError, match="ids differ: 5"):
-        oracle_asserts.assert_same_ids(frame, expected, scene, replace(settings, visibility="painter"))
-    frame.layers["id"][at[0][7], at[1][7]] = 5  # the one farther behind
-    with pytest.raises(AssertionError, match="ids differ: 1 of"):
-        oracle_asserts.assert_same_ids(frame, expected, scene, settings)
 
 
 def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
@@ -379,9 +324,6 @@ def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
     oracle_asserts.assert_colors_within(frame.rgb, beside, gate_fraction=1.0)
     with pytest.raises(AssertionError, match="too many"):
         oracle_asserts.assert_colors_within(frame.rgb, replace(beside, alpha=0 * beside.alpha), gate_fraction=1.0)
-    frame.rgb[at] += 0.01 * expected.budget[at].astype(np.float32)
-    with pytest.raises(AssertionError, match="colors off"):
-        oracle_asserts.assert_colors_within(frame.rgb, marked)
 
 
 def test_measured_error_is_in_bounds():

@@ -60,9 +60,6 @@ def dark_on_ground(light: Light, points: np.ndarray, *meshes: Mesh) -> tuple[np.
     return dark_at(casters, light, at)
 
 
-# Signs
-
-
 def test_orientation_is_exact_where_float64_is_not():
     """Points of a plane, moved by one step of float64 out of it: of all, the sign of rational arithmetic."""
     generator = np.random.default_rng(5)
@@ -74,70 +71,42 @@ def test_orientation_is_exact_where_float64_is_not():
     d[:50] = a[:50] + 2.0 * (b[:50] - a[:50]) - (c[:50] - a[:50])
     signs = orientation(a, b, c, d)
     for k in range(len(a)):
-        rows = [
-            [Fraction(x) - Fraction(y) for x, y in zip(v[k].tolist(), a[k].tolist(), strict=True)] for v in (b, c, d)
-        ]
-        (p, q, r), (s, t, u), (v, w, x) = rows
+        origin, *others = ([Fraction(x) for x in points[k].tolist()] for points in (a, b, c, d))
+        (p, q, r), (s, t, u), (v, w, x) = ([x - y for x, y in zip(point, origin, strict=True)] for point in others)
         volume = p * (t * x - u * w) - q * (s * x - u * v) + r * (s * w - t * v)
         assert signs[k] == (volume > 0) - (volume < 0)
     assert (signs[:50] == 0).all()
     assert {-1, 0, 1} <= set(signs.tolist())
 
 
-# Closed forms
+SQUARE = quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
-def test_the_umbra_of_a_square():
-    """A square of side 2 at height 1 below a light at height 3 hides a square of side 3, moved away from the light."""
-    light, square = PointLight((0.5, 3.0, 0.25)), quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+@pytest.mark.parametrize(
+    ("light", "middle", "half"),
+    [
+        (PointLight((0.5, 3.0, 0.25)), (-0.25, -0.125), 1.5),
+        (DirectionalLight((1.0, -2.0, 0.5)), (0.5, 0.25), 1.0),
+        (PointLight((0.0, 0.5, 0.0)), (0.0, 0.0), 0.0),  # what lies behind the light hides nothing
+    ],
+)
+def test_the_umbra_of_a_square(light, middle, half):
+    """At height 1, of side 2: below a light at height 3 of side 3, moved away from the light; in the sun of side 2."""
     points = grid(64, 4.0)
-    dark, unsure = dark_on_ground(light, points, square)
-    middle = np.array([-0.25, 0.0, -0.125])
-    inside = (np.abs(points - middle)[:, [0, 2]] < 1.5).all(axis=1)
-    assert np.array_equal(dark, inside)
-    assert not unsure.any()
-    assert inside.sum() * 0.125**2 == 9.0
-
-
-def test_the_shadow_of_a_square_in_the_sun():
-    """Of the same area, moved by the height times the slope."""
-    light, square = DirectionalLight((1.0, -2.0, 0.5)), quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
-    points = grid(64, 4.0)
-    dark, unsure = dark_on_ground(light, points, square)
-    assert np.array_equal(dark, (np.abs(points - [0.5, 0.0, 0.25])[:, [0, 2]] < 1.0).all(axis=1))
+    dark, unsure = dark_on_ground(light, points, SQUARE)
+    assert np.array_equal(dark, (np.abs(points[:, [0, 2]] - middle) < half).all(axis=1))
     assert not unsure.any()
 
 
-def test_a_closed_box_is_dark_inside():
-    """No light from outside comes in: along edges and at corners too, where rays meet no triangle's inside."""
-    sides = [quad((s, 0, 0), (0, 0, s), (0, 1, 0)) for s in (-1.0, 1.0)]
-    sides += [quad((0, s, 0), (s, 0, 0), (0, 0, 1)) for s in (-1.0, 1.0)]
-    sides += [quad((0, 0, s), (0, s, 0), (1, 0, 0)) for s in (-1.0, 1.0)]
-    casters = casters_of(*sides)
-    line = np.linspace(-1.0, 1.0, 9)
-    y, z = (coordinate.ravel() for coordinate in np.meshgrid(line, line))
-    at = np.concatenate([np.full(len(y), 0), np.full(len(y), 1)])
-    points = np.tile(np.stack([np.full_like(y, -1.0), y, z], axis=1), (2, 1))
-    for light in (PointLight((3.0, 0.0, 0.0)), PointLight((2.0, 2.0, 2.0)), DirectionalLight((-1.0, 0.0, 0.0))):
-        receivers = replace(on(casters, 0, points), face=at)
-        dark, unsure = dark_at(casters, light, receivers)
-        assert (dark | unsure).all()
-        assert dark.mean() > 0.5
-    dark, unsure = dark_at(casters, PointLight((0.3, 0.2, 0.1)), replace(on(casters, 0, points), face=at))
-    assert not dark.any()
-    assert unsure.mean() < 0.5
-
-
-# In each other's planes
-
-
-def test_a_light_in_the_plane_of_a_triangle_is_not_hidden_by_it():
+def test_a_light_in_the_plane_of_a_triangle_or_above_it_is_not_hidden_by_it():
     """A wall seen edge-on hides nothing but along its line."""
     wall = quad((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
     points = grid(40, 4.0)
     dark, unsure = dark_on_ground(PointLight((0.0, 3.0, 5.0)), points, wall)
     assert not dark.any()
     assert not unsure.any()
+    below = quad((0.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, -2.0))
+    assert not np.logical_or(*dark_on_ground(PointLight((0.0, 3.0, 0.0)), points, below)).any()
     dark, unsure = dark_on_ground(PointLight((1.0, 3.0, 0.0)), points, wall)
     assert dark.any()
     assert not dark[points[:, 0] > 0.0].any()
@@ -161,25 +130,11 @@ def test_coplanar_faces_cast_no_shadow_on_each_other():
     assert unsure.mean() < 0.01
 
 
-def test_a_face_below_the_receiver_hides_nothing():
-    below = quad((0.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, -2.0))
-    dark, unsure = dark_on_ground(PointLight((0.0, 3.0, 0.0)), grid(20, 4.0), below)
-    assert not dark.any()
-    assert not unsure.any()
-
-
-def test_what_lies_behind_the_light_hides_nothing():
-    above = quad((0.0, 5.0, 0.0), (9.0, 0.0, 0.0), (0.0, 0.0, -9.0))
-    assert not dark_on_ground(PointLight((0.0, 3.0, 0.0)), grid(20, 4.0), above)[0].any()
-    assert dark_on_ground(PointLight((0.0, 7.0, 0.0)), grid(20, 4.0), above)[0].all()
-
-
 @pytest.mark.parametrize("shift", [0.0, 1e9])
 @pytest.mark.parametrize("distance", [3.0, 1e9])
 def test_far_scenes_and_lights(shift, distance):
     """The umbra of the square is the same wherever the scene lies, and for a light so far away that of the sun."""
-    toward = np.array([1.0, 2.0, 0.5])
-    square = quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+    toward, square = np.array([1.0, 2.0, 0.5]), SQUARE
     points = grid(32, 4.0)
     expected = dark_on_ground(PointLight(toward * distance), points, square)[0]
     if distance > 1e6:
@@ -236,9 +191,6 @@ def test_slivers_and_triangles_without_area_hide_at_most_what_they_cover():
     assert not (dark | unsure).any()
 
 
-# Receivers
-
-
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_points_lie_where_the_rays_meet_the_plane(orthographic):
     camera = replace(CAMERA, orthographic=orthographic, plane=(4.0, 4.0), principal=(0.4, 0.7), resolution=(16, 8))
@@ -254,9 +206,6 @@ def test_points_lie_where_the_rays_meet_the_plane(orthographic):
     assert np.abs(points[:, 1]).max() == 0.0
     assert np.abs(points).max() <= 8.0
     assert seen.off.max() < 1e-9
-
-
-# The terminator
 
 
 def share(normal, face, to_light, bend: float = 0.0, turned=None):

@@ -1,4 +1,4 @@
-"""Cache folders that are full, vanish or are shared; probing processes that are interrupted."""
+"""Cache folders that are full, vanish or are shared, and the environment in which OpenCL starts."""
 
 from __future__ import annotations
 
@@ -7,24 +7,18 @@ import os
 import pwd
 import resource
 import shutil
-import subprocess
 import sys
 import tempfile
-import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import pyopencl as cl
 import pytest
-from processes import ROOT
+from processes import OPEN, python
 
-from clshade.base.atomic_files import lock_file
 from clshade.errors import DeviceError
 from clshade.pipeline import programs
-from clshade.pipeline.opencl import environment, probe
-from clshade.pipeline.opencl.probe import DeviceInfo
-
-POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Some Processor")
+from clshade.pipeline.opencl import environment
 
 
 def no_space(*arguments, **options):
@@ -52,14 +46,11 @@ def disks(tmp_path, monkeypatch):
     return free
 
 
-def test_a_home_with_room_is_used(disks, tmp_path):
+def test_a_full_home_is_left_for_the_temporary_folder(disks, tmp_path, monkeypatch):
     disks["home"] = environment.ROOM
     assert environment.cache_home() == tmp_path / "home"
-
-
-@pytest.mark.parametrize("left", [0, 300_000, environment.ROOM - 1])
-def test_a_full_home_is_left_for_the_temporary_folder(disks, tmp_path, left):
-    disks["home"] = left
+    disks["home"] -= 1
+    monkeypatch.setattr(environment, "_home", None)
     assert environment.cache_home().parent == tmp_path / "tmp"
     assert os.environ["XDG_CACHE_HOME"] == str(environment.cache_home())
 
@@ -74,10 +65,15 @@ def test_a_user_without_a_home_gets_a_temporary_folder_and_a_line(disks, tmp_pat
     assert f"compiled kernels are kept in {home} (no HOME): set XDG_CACHE_HOME" in capsys.readouterr().err
 
 
-def test_a_limit_of_files_is_named(disks, monkeypatch):
+def test_full_disks_and_limits_are_named(disks, tmp_path, monkeypatch):
+    disks.update(home=300_000, tmp=0)
+    line = rf"{tmp_path}/home: 0\.3 MB free, 67 MB needed; {tmp_path}/tmp/clshade-[^\n]*: set XDG_CACHE_HOME[^\n]*$"
+    with pytest.raises(DeviceError, match=line):
+        environment.cache_home()
+    disks.update(home=1 << 30, tmp=1 << 30)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (512_000, 512_000))
     with pytest.raises(
-        DeviceError, match=r"home: files of at most 0.5 MB, 4 MB needed: raise `ulimit -f`; .*tmp/clshade-"
+        DeviceError, match=r"home: files of at most 0.5 MB, 4 MB needed: raise `ulimit -f`; .*/tmp/clsh"
     ):
         environment.cache_home()
 
@@ -98,17 +94,6 @@ def test_a_build_without_a_message_names_the_cache_that_is_full(opened, tmp_path
         programs.compiled(pocl, "", [])
 
 
-def test_full_disks_are_named(disks, tmp_path):
-    disks.update(home=300_000, tmp=0)
-    with pytest.raises(DeviceError) as caught:
-        environment.cache_home()
-    message = str(caught.value)
-    assert "\n" not in message
-    assert f"{tmp_path}/home: 0.3 MB free, 67 MB needed" in message
-    assert f"{tmp_path}/tmp/clshade-" in message
-    assert "XDG_CACHE_HOME" in message
-
-
 def test_a_folder_of_the_process_that_cannot_be_made(fresh_cache, monkeypatch):
     monkeypatch.setattr(tempfile, "mkdtemp", no_space)
     monkeypatch.setattr(environment, "_prepared", False)
@@ -116,100 +101,203 @@ def test_a_folder_of_the_process_that_cannot_be_made(fresh_cache, monkeypatch):
         environment.prepare()
 
 
-def test_folders_of_earlier_versions_go_unless_one_of_their_processes_runs(fresh_cache, monkeypatch, capfd):
-    monkeypatch.setattr(environment, "_prepared", False)
-    monkeypatch.setenv("POCL_CACHE_DIR", "")
-    for name in ("slot-0", "slot-1", "probe-x", "programs"):
-        (fresh_cache / name / "pocl").mkdir(parents=True)
-        (fresh_cache / name / "lock").touch()
-    lock = lock_file(fresh_cache / "slot-1" / "lock")
-    environment.prepare()
-    os.close(lock)
-    assert {path.name.partition("-")[0] for path in fresh_cache.iterdir()} == {"slot", "programs", "pocl"}
-    assert (fresh_cache / "slot-1" / "pocl").is_dir()
-    assert capfd.readouterr().err == ""
+# Temporary folders
 
-
-def test_a_probe_that_cannot_be_started(fresh_cache, monkeypatch):
-    monkeypatch.setattr(subprocess, "Popen", no_space)
-    with pytest.raises(DeviceError, match=r"0:0 .* cannot be tried out: No space left on device"):
-        probe.start(POCL)
-    assert not list(fresh_cache.iterdir())
-    assert not probe._running
-
-
-# Other processes
-
-
-INTERRUPTED = """
-import os, signal, sys, threading
-from clshade.base import console
-from clshade.pipeline.opencl import device; from clshade.pipeline.opencl import probe as probing
-from clshade.pipeline.opencl.probe import DeviceInfo
-infos = [DeviceInfo(f"{k}:0", "Portable Computing Language", "CPU") for k in range(3)]
-device.found_devices = lambda name: infos
-device._connect, console.SLOW = lambda *_: None, 60.0
-probing.probe_command = lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
-start = probing.start
-def started(info, *more, **options):
-    start(info, *more, **options)
-    print(probing._running[info.index].pid, flush=True)
-    if info.index == sys.argv[2]:
-        signal.raise_signal(signal.SIGINT)
-probing.start = started
-if not sys.argv[2]:
-    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
-try:
-    device.list_devices() if sys.argv[1] == "list" else device.open_device("")
-except KeyboardInterrupt:
-    sys.exit(130)
-"""
+CLAIM = (
+    "import os; from clshade.pipeline.opencl import environment as runtimes; runtimes.prepare(); "
+    "print(runtimes.cache_root(), os.environ['POCL_CACHE_DIR'], flush=True)"
+)
 
 
 @pytest.mark.sampled
+@pytest.mark.parametrize("kind", ["others can write", "group can write", "link", "file", "another user's"])
+def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path, kind):
+    """Anyone who can write to it could plant code. The replacement folders do not accumulate."""
+    taken = tmp_path / f"clshade-{os.getuid()}"
+    private_folder = tmp_path / "own"
+    private_folder.mkdir(mode=0o700)
+    if kind == "link":
+        taken.symlink_to(private_folder)
+    elif kind == "file":
+        taken.touch()
+    else:
+        taken.mkdir()
+        taken.chmod({"others can write": 0o777, "group can write": 0o770}.get(kind, 0o700))
+    if kind == "another user's":
+        if os.getuid() != 0:
+            pytest.skip("only root can give folders away")
+        os.chown(taken, 4711, 4711)
+    for deed in ("", "; os.kill(os.getpid(), 9)", ""):
+        done = python(CLAIM + deed, "/proc/nowhere", TMPDIR=str(tmp_path))
+        assert done.returncode == (-9 if deed else 0), done.stderr
+        folder = Path(done.stdout.split()[0])
+        assert folder.parent.parent == tmp_path
+        assert folder.parent.name.startswith(f"clshade-{os.getuid()}-")
+        assert len(done.stderr.splitlines()) == 1
+        assert done.stderr.startswith("clshade: warning: compiled kernels are not kept (/proc/nowhere: ")
+        assert len(list(tmp_path.iterdir())) == (3 if deed else 2)
+    assert not list(private_folder.iterdir())
+
+
+def test_a_temporary_folder_that_others_can_read_is_made_private(tmp_path):
+    folder = tmp_path / f"clshade-{os.getuid()}"
+    folder.mkdir()
+    folder.chmod(0o755)
+    for variables in ({"XDG_CACHE_HOME": "/proc/nowhere"}, {"XDG_CACHE_HOME": "", "HOME": "/proc/nowhere"}):
+        done = python(CLAIM, "", TMPDIR=str(tmp_path), **variables)
+        root, pocl = done.stdout.split()
+        assert root == str(folder / "clshade")
+        assert pocl.startswith(f"{root}/pocl-")
+        assert f"compiled kernels are kept in {folder} (/proc/nowhere" in done.stderr
+        assert "No such file or directory): set XDG_CACHE_HOME" in done.stderr
+        assert folder.stat().st_mode & 0o777 == 0o700
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_nowhere_to_write():
+    code = "import tempfile; tempfile.tempdir = '/proc/nowhere'\n" + OPEN
+    assert python(code, "/proc/nowhere").stdout.startswith("refused no folder for caches can be written")
+
+
+# Folders of single processes
+
+
+def test_processes_at_once_have_folders_of_their_own(tmp_path):
+    """Children of a process and its forks, too; all go with their processes, or with the next."""
+    code = f"""
+import os, subprocess, sys
+{CLAIM}
+subprocess.run([sys.executable, "-c", {CLAIM!r}])
+if os.fork() == 0:
+    {CLAIM}
+    os._exit(0)  # it leaves its folder behind
+os.wait()
+runtimes.starting()
+if os.fork() == 0:
+    try: runtimes.starting()
+    except runtimes.DeviceError as error: print(error, flush=True)
+    os._exit(0)
+os.wait()
+"""
+    done = python(code, tmp_path)
+    *lines, message = done.stdout.splitlines()
+    folders = {line.split()[1] for line in lines}
+    assert len(folders) == 3, done.stderr
+    assert all(folder.startswith(f"{tmp_path}/clshade/pocl-") for folder in folders)
+    assert "spawn" in message
+    python(CLAIM, tmp_path)
+    assert not list((tmp_path / "clshade").glob("pocl-*"))
+
+
+PRIVATE = """
+import os, signal, sys
+from pathlib import Path
+from clshade.pipeline.opencl import environment
+print(environment.private_folder(Path({folder!r}), "once-"), flush=True)
+{deed}
+"""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-@pytest.mark.parametrize(
-    ("call", "at"), [("list", ""), ("list", "0:0"), ("list", "1:0"), ("open", ""), ("open", "0:0")]
-)
-def test_an_interrupt_ends_probes(tmp_path, call, at):
-    """at: the device whose probe has just been started; "": while waiting for the first."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
-    command = [sys.executable, "-c", INTERRUPTED, call, at]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=50)
-    assert (done.returncode, done.stderr) == (130, "")
-    children = [int(pid) for pid in done.stdout.split()]
-    assert children
-    for pid in children:
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
+def test_private_folders_go_with_their_process_or_with_the_next(tmp_path):
+    def run(deed: str) -> Path:
+        return Path(python(PRIVATE.format(folder=str(tmp_path), deed=deed), tmp_path / "home").stdout.strip())
+
+    assert not run("").exists()
+    left = run("os.kill(os.getpid(), signal.SIGKILL)")
+    assert left.is_dir()
+    used = environment.private_folder(tmp_path, "once-")
+    assert not left.exists()
+    forked = run("os.fork() or os._exit(0); os.wait()")
+    assert used.is_dir(), "its process lives"
+    assert not forked.exists()
 
 
-def test_an_interrupt_that_ends_a_probe_says_nothing_of_its_device(fresh_cache, monkeypatch):
-    """As it does in a thread of its own, while the main one waits for the probe."""
-    monkeypatch.setattr(
-        probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
-    )
-    probe.start(POCL)
-    ending = threading.Timer(0.3, probe.end_all)
-    ending.start()
-    with pytest.raises(KeyboardInterrupt):
-        probe.tried_out(POCL)
-    ending.join()
-    assert not list(fresh_cache.rglob("*")), "no verdict"
+@pytest.mark.parametrize("locked", [False, True])
+def test_a_private_folder_that_another_process_removes_is_made_anew(tmp_path, monkeypatch, locked):
+    """Between creating the lock file and locking it; locked: or while it holds the lock."""
+    lock_file, robbed = environment.lock_file, []
+
+    def lock_too_late(path):
+        if robbed:
+            return lock_file(path)
+        robbed.append(path.parent)
+        path.touch()
+        with path.open("rb") as file:
+            shutil.rmtree(path.parent)
+            return None if locked else os.dup(file.fileno())
+
+    monkeypatch.setattr(environment, "lock_file", lock_too_late)
+    folder = environment.private_folder(tmp_path, "once-")
+    assert folder.is_dir()
+    assert robbed != [folder]
 
 
-def test_a_forked_child_leaves_its_parents_probes_alone(fresh_cache, monkeypatch):
-    if not hasattr(os, "fork"):
-        pytest.skip("no fork here")
-    monkeypatch.setattr(probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "input()"])
-    probe.start(POCL)
-    running = probe._running[POCL.index]
-    try:
-        child = os.fork()
-        if child == 0:
-            probe.end_all()
-            os._exit(0)
-        os.waitpid(child, 0)
-        assert running.poll() is None
-    finally:
-        probe.end(POCL.index)
+def test_private_folders_without_locks_go_when_they_are_old(tmp_path):
+    for name in ("once-old", "once-new", "other"):
+        (tmp_path / name).mkdir()
+    for name in ("once-old", "other"):
+        os.utime(tmp_path / name, (1, 1))
+    (tmp_path / "once-link").symlink_to(tmp_path / "other")
+    used = environment.private_folder(tmp_path, "once-")
+    assert sorted(os.listdir(tmp_path)) == sorted(["once-new", "once-link", "other", used.name])
+
+
+# Variables of the environment
+
+
+def test_what_the_user_set_is_kept_but_for_the_folder_of_pocls_cache(tmp_path):
+    """Which other processes may share."""
+    code = CLAIM + "; print(os.environ['OCL_ICD_VENDORS'])"
+    done = python(code, tmp_path, POCL_CACHE_DIR=f"{tmp_path}/own", OCL_ICD_VENDORS="/users/vendors")
+    root, cache, vendors = done.stdout.split()
+    assert (root, vendors) == (f"{tmp_path}/clshade", "/users/vendors"), done.stderr
+    assert cache.startswith(f"{root}/pocl-")
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the system cannot say which processors may be used")
+def test_threads_are_pinned_where_each_processor_has_one(monkeypatch):
+    """Not if there are fewer threads or processors, and not against the user's will; a parent's choice is not taken for
+    the user's."""
+    processors = set(range(os.cpu_count() or 0))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: processors)
+    parents = {"POCL_AFFINITY": "1", "CLSHADE_SET_POCL_AFFINITY": "1"}
+
+    def chosen(**variables: str) -> str | None:
+        for name in (*parents, *environment.THREADS):
+            monkeypatch.setenv(name, variables.get(name, ""))
+        environment._pin_threads()
+        return os.environ.get("POCL_AFFINITY")
+
+    assert chosen() == chosen(**parents) == "1"
+    assert all(chosen(**parents, **{name: "1"}) is None for name in environment.THREADS)
+    assert chosen(POCL_AFFINITY="0") == "0"
+    processors.discard(0)
+    assert chosen(**parents) is None
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Intel's runtime is pointed to on Linux only")
+def test_intel_is_exposed_beside_the_others(fresh_cache, tmp_path, monkeypatch):
+    library, system = tmp_path / "libintelocl.so", tmp_path / "vendors"
+    library.touch()
+    system.mkdir()
+    (system / "mesa.icd").write_text("libMesaOpenCL.so.1\n")
+    (system / "broken.icd").write_text("/opt/anaconda1anaconda2/lib/libintelocl.so")
+    monkeypatch.setattr(environment, "SYSTEM_VENDORS", system)
+    monkeypatch.setattr(environment, "intel_library", lambda: library)
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "prefix"))
+    for name in ("OCL_ICD_VENDORS", "CLSHADE_SET_OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"):
+        monkeypatch.setenv(name, "")
+    for _ in range(2):
+        environment.expose_runtimes()
+        folder = Path(os.environ["OCL_ICD_VENDORS"])
+        assert folder.parent == fresh_cache
+        contents = {path.name: path.read_text().strip() for path in folder.glob("*.icd")}
+        assert contents == {"mesa.icd": "libMesaOpenCL.so.1", "clshade-intel.icd": str(library)}
+    # Already registered by the system: nothing to do. The variable set above is not mistaken for the user's.
+    (system / "intel.icd").write_text(str(library))
+    environment.expose_runtimes()
+    assert "OCL_ICD_VENDORS" not in os.environ
+    monkeypatch.setenv("OCL_ICD_VENDORS", "/users/own")
+    environment.expose_runtimes()
+    assert os.environ["OCL_ICD_VENDORS"] == "/users/own"

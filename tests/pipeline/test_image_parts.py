@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
-from devices import needs_float64
+from devices import needs_float64, rendered
 
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import InputError
-from clshade.pipeline import struct_layout
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import MAX_WHOLE, part_of, raster_of, whole_camera
 from clshade.scene.geometry import camera_axes
+
+OPTIONS = {"shader": "nolight", "layers": ("Z", "id")}
 
 
 def differing(part: Frame, image: Frame, left: int, top: int) -> list[str]:
@@ -25,31 +27,18 @@ def differing(part: Frame, image: Frame, left: int, top: int) -> list[str]:
     return [name for name, (a, b) in pairs.items() if a.tobytes() != np.ascontiguousarray(b[cut]).tobytes()]
 
 
-def parts(camera: Camera, across: int, up: int) -> list[tuple[int, int, Camera]]:
-    """Cut an image into parts of at most `across` by `up` pixels: left and top of each, and its camera."""
-    columns, rows = camera.resolution
-    return [
-        (left, top, part_of(camera, left, top, min(across, columns - left), min(up, rows - top)))
-        for top in range(0, rows, up)
-        for left in range(0, columns, across)
-    ]
-
-
-def corners(count: int, reach: float) -> Scene:
-    """Triangles whose corners lie up to `reach` images away in all directions, most of them clipped."""
-    rng = np.random.default_rng(5)
-    verts = rng.uniform(-reach, reach, (3 * count, 3))
-    verts[:, 2] = rng.uniform(-1.0, 3.0, 3 * count)
-    camera = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (64, 48))
-    return Scene((Mesh(verts, np.arange(3 * count).reshape(-1, 3)),), camera)
-
-
 def test_clipped_triangles_have_the_same_pieces_in_all_parts(device):
-    scene = corners(40, 3000.0)
-    with Renderer(scene, device=device, shader="nolight", layers=("Z", "id")) as renderer:
+    """Of corners that lie up to 3,000 images away in all directions."""
+    rng = np.random.default_rng(5)
+    verts = rng.uniform(-3000.0, 3000.0, (120, 3))
+    verts[:, 2] = rng.uniform(-1.0, 3.0, 120)
+    camera = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (64, 48))
+    scene = Scene((Mesh(verts, np.arange(120).reshape(-1, 3)),), camera)
+    with Renderer(scene, device=device, **OPTIONS) as renderer:
         image = renderer.render()
         assert image.stats["clipped"] > 20
-        for left, top, part in parts(scene.camera, 20, 20):
+        for left, top in product(range(0, 64, 20), range(0, 48, 20)):
+            part = part_of(camera, left, top, min(20, 64 - left), min(20, 48 - top))
             assert not differing(renderer.render(part), image, left, top), (left, top)
 
 
@@ -57,10 +46,9 @@ def test_devices_without_float64_project_alike(device):
     scene = clshade.builtin("icosphere", level=2, resolution=(50, 40))
     part = part_of(scene.camera, 13, 9, 20, 17)
     one, single = (
-        Renderer(scene, device=variant, layers=("Z", "id")) for variant in (device, replace(device, has_fp64=False))
+        rendered(replace(scene, camera=part), device=d, **OPTIONS) for d in (device, replace(device, has_fp64=False))
     )
-    with one, single:
-        assert not differing(single.render(part), one.render(part), 0, 0)
+    assert not differing(single, one, 0, 0)
 
 
 WHOLE = (100_000, 60_000)  # far more than can be drawn at once
@@ -92,63 +80,24 @@ def part_near_the_corner(scene: Scene, left: int, top: int, columns: int, rows: 
     return part_of(whole_camera(scene.camera, WHOLE), 2 * 16384 + left, 16384 + top, columns, rows)
 
 
-def test_parts_of_larger_images_do_not_depend_on_how_they_are_cut(device, speckled):
-    with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
-        for left, top in ((-64, -64), (0, -64), (-64, 0), (0, 0)):
-            image = renderer.render(part_near_the_corner(speckled, left, top, 64, 64))
-            assert len(np.unique(image["id"])) > 15
-            for dx, dy, columns, rows in ((5, 7, 30, 41), (48, 0, 16, 64), (63, 63, 1, 1)):
-                part = renderer.render(part_near_the_corner(speckled, left + dx, top + dy, columns, rows))
-                assert not differing(part, image, dx, dy)
-
-
-def test_parts_of_larger_images_are_the_oracles(device, speckled):
+def test_parts_of_larger_images_are_the_oracles_however_they_are_cut(device, speckled):
     """Each by a camera of its own lens, which rounds positions otherwise by 1e-11 px: none of these rounds to another
     1/65536 px. Across the seam a triangle has the same ids as if both sides had been drawn at once."""
-    with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
-        for left, top in ((-40, -40), (0, -40), (-40, 0), (0, 0)):
-            frame = renderer.render(part_near_the_corner(speckled, left, top, 40, 40))
-            assert clshade.check(frame, pixels="all").passed
-        camera = part_near_the_corner(speckled, -60, -60, 60, 60)
-        lens = Camera(
-            camera.eye, camera.lookat, camera.up, camera.focal, (2 * camera.plane[0], 2 * camera.plane[1]), (120, 120)
-        )
-        principal = tuple((p * 60 + shift) / 120 for p, shift in zip(camera.principal, (0, 60), strict=True))
-        both = renderer.render(replace(lens, principal=principal))
-        for left, top in ((-60, -60), (0, -60), (-60, 0), (0, 0)):
-            part = renderer.render(part_near_the_corner(speckled, left, top, 60, 60))
-            cut = np.s_[top + 60 : top + 120, left + 60 : left + 120]
-            assert np.array_equal(part["id"], both["id"][cut])
-
-
-def test_positions_of_shifted_corners_fit_their_ranges():
-    """kernels/edge.clh: within the guard band, from any part of a region, less than what means beyond it, and than 2^31; two
-    of them differ by less than 2^31."""
-    farthest = max(struct_layout.GUARD_HIGH, 16384 - struct_layout.GUARD_LOW) << struct_layout.SUBPIXEL_BITS
-    assert farthest < struct_layout.SNAP_LIMIT <= 2**31 - (1 << struct_layout.SUBPIXEL_BITS)
-    assert struct_layout.GUARD_HIGH - struct_layout.GUARD_LOW << struct_layout.SUBPIXEL_BITS < 2**31
-
-
-def test_the_raster_of_a_part():
-    camera = clshade.builtin("icosphere").camera
-    full_camera = whole_camera(camera, (40_000, 30_000))
-    raster = raster_of(part_of(full_camera, 33_000, 20_000, 100, 50))
-    assert raster.resolution == (40_000, 30_000)
-    assert raster.corner == (32_768, 0)
-    assert raster_of(part_of(full_camera, 33_000, 5, 100, 50)).corner == (32_768, 30_000 - 16_384)
-    assert raster.first == (33_000, 30_000 - 20_050)
-    assert raster_of(camera).corner == (0, 0)
-    assert part_of(full_camera, 0, 0, 10, 10).with_resolution((64, 48)).plane == camera.with_resolution((64, 48)).plane
-
-
-@pytest.mark.parametrize(
-    ("part", "field"),
-    [((-1, 0, 5, 5), "left"), ((0, 0, 0, 5), "left"), ((0, 2995, 5, 6), "top"), ((16_380, 0, 5, 5), "left")],
-)
-def test_parts_outside_the_image_or_across_regions_are_refused(part, field):
-    full_camera = whole_camera(clshade.builtin("icosphere").camera, (20_000, 3_000))
-    with pytest.raises(InputError, match=f"part_of: {field}: expected a part that ends within"):
-        part_of(full_camera, *part)
+    quadrants = (-60, -60), (0, -60), (-60, 0), (0, 0)
+    with Renderer(speckled, device=device, **OPTIONS) as renderer:
+        first = part_near_the_corner(speckled, -60, -60, 60, 60)
+        plane = 2 * first.plane[0], 2 * first.plane[1]
+        principal = tuple((p * 60 + shift) / 120 for p, shift in zip(first.principal, (0, 60), strict=True))
+        lens = Camera(first.eye, first.lookat, first.up, first.focal, plane, (120, 120), principal)
+        both = renderer.render(lens)
+        for left, top in quadrants:
+            image = renderer.render(part_near_the_corner(speckled, left, top, 60, 60))
+            assert len(np.unique(image["id"])) > 15
+            assert np.array_equal(image["id"], both["id"][top + 60 : top + 120, left + 60 : left + 120])
+            assert clshade.check(image, pixels="all").passed
+            for dx, dy, columns, rows in ((5, 7, 30, 41), (44, 0, 16, 60), (59, 59, 1, 1)):
+                part = renderer.render(part_near_the_corner(speckled, left + dx, top + dy, columns, rows))
+                assert not differing(part, image, dx, dy)
 
 
 def test_a_part_has_the_lens_of_a_part():
@@ -158,8 +107,21 @@ def test_a_part_has_the_lens_of_a_part():
         replace(part, principal=(0.5, 0.5))
     with pytest.raises(InputError, match="part_of: whole: expected the camera of a whole image"):
         part_of(part, 0, 0, 5, 5)
-    with pytest.raises(InputError, match="whole_camera: camera: expected one of a whole image"):
-        whole_camera(part, (64, 48))
+
+
+def test_sizes_of_parts_and_of_the_whole_are_checked():
+    camera = clshade.builtin("icosphere").camera
+    whole = whole_camera(camera, (20_000, 3_000))
+    for field, part in (
+        ("left", (-1, 0, 5, 5)),
+        ("top", (0, 2995, 5, 6)),
+        ("left", (16_380, 0, 5, 5)),
+    ):
+        with pytest.raises(InputError, match=f"part_of: {field}: expected a part that ends within"):
+            part_of(whole, *part)
+    for resolution in ((0, 5), (MAX_WHOLE + 1, 5), "large"):
+        with pytest.raises(InputError, match="whole_camera: resolution"):
+            whole_camera(camera, resolution)
 
 
 def test_lines_are_hidden_by_what_is_clipped_beside_a_part(device):
@@ -179,9 +141,3 @@ def test_lines_are_hidden_by_what_is_clipped_beside_a_part(device):
         for left in (30, 31, 32):
             part = renderer.render(part_of(camera, left, 0, 64 - left, 48))
             assert not differing(part, image, left, 0), left
-
-
-@pytest.mark.parametrize("resolution", [(0, 5), (MAX_WHOLE + 1, 5), (5,), "large", (2.5, 3)])
-def test_sizes_of_the_whole_are_checked(resolution):
-    with pytest.raises(InputError, match="whole_camera: resolution"):
-        whole_camera(clshade.builtin("icosphere").camera, resolution)

@@ -12,7 +12,6 @@ from layer_scenes import crowd, matrices
 import clshade
 from clshade import Camera, Mesh, PointLight, Scene
 from clshade.pipeline import buffers, placements, scene_tables, triangle_source
-from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Settings
@@ -28,7 +27,6 @@ def assert_alike(frames: list[Frame]) -> None:
         assert {name: frame.stats[name] for name in COUNTS} == {name: copies.stats[name] for name in COUNTS}
 
 
-@pytest.mark.long
 def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
     """Textures, colors, two-sided faces, mirrored placements, meshes with a single instance, clipped faces.
 
@@ -81,58 +79,6 @@ def test_other_scenes_keep_copies():
     assert not of(many, forced=("SHADOWS",))
     assert not of(1, replace(scene, meshes=[replace(mesh, instances=None) for mesh in scene.meshes]))
     assert scene_tables.pack(scene, Settings(), has_fp64=False).instances is None
-
-
-def test_box_of_all_copies_is_exact():
-    """Found from few of them."""
-    for scene in (crowd(500), crowd(3)):
-        packed = scene_tables.pack(scene, Settings())
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(triangle_source, "LEAST_COPIES", 0)
-            instance_tables = scene_tables.pack(scene, Settings())
-        assert packed.instances is None
-        assert np.array_equal(instance_tables.low, packed.low)
-        assert np.array_equal(instance_tables.high, packed.high)
-        assert len(instance_tables.arrays["positions"]) <= 2 * sum(len(mesh.verts) for mesh in scene.meshes)
-
-
-@pytest.mark.parametrize("orthographic", [False, True])
-def test_culled_instances_show_nothing(orthographic):
-    """Their faces lie all behind the eye, or all beside the image on one side."""
-    scene, rng = crowd(500), np.random.default_rng(3)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(triangle_source, "LEAST_COPIES", 0)
-        tables = scene_tables.pack(scene, Settings()).instances
-    for _ in range(5):
-        eye, lookat = rng.uniform(-4, 4, (2, 3))
-        camera = Camera(eye, lookat, (0, 1, 0), 1.0, (1.0, 1.5), (48, 32), orthographic=orthographic)
-        space = CameraSpace.of(camera, Extent((-7.0,) * 3, (7.0,) * 3, 12.0), None)
-        behind, beside = triangle_source.outside(tables, space)
-        assert not (behind & beside).any()
-        culled = inside = 0
-        meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-        every = (mesh.verts @ m[:3, :3].T + m[:3, 3] for mesh in meshes for m in mesh.instances)
-        for k, points in enumerate(every):
-            x, y, z = space.points(points).T
-            depth = 1.0 if orthographic else z
-            u, v = x / (1.5 * depth) + 0.5, y / depth + 0.5
-            apart = max(-u.max(), u.min() - 1.0, -v.max(), v.min() - 1.0)
-            assert not behind[k] or (z < space.near).all()
-            assert not beside[k] or ((z >= space.near).all() and apart > 0.0)
-            culled += behind[k] | beside[k]
-            inside += (z < space.near).all() or ((z >= space.near).all() and apart > 1.0)
-        assert culled > 0.5 * inside > 0
-
-
-@pytest.mark.long
-def test_without_float64_there_are_copies(device, monkeypatch):
-    needs_float64(device)
-    monkeypatch.setattr(triangle_source, "LEAST_COPIES", 0)
-    frames = []
-    for variant in (device, replace(device, has_fp64=False)):
-        frames.append(rendered(crowd(), device=variant, shader="nolight", layers=("Z", "id")))
-    assert ["INSTANCES" in frame.stats["features"] for frame in frames] == [True, False]
-    assert_alike(frames)
 
 
 @pytest.mark.long

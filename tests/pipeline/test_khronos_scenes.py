@@ -93,32 +93,26 @@ def test_cells_pass_and_notice_wrong_settings(drawn, name):
     assert not wrong.any(), np.argwhere(wrong).tolist()
 
 
-def test_blending_is_linear(drawn):
-    row = drawn(cards.alpha_modes, 6, 3).inner()[2, :3]
-    shares = np.array([0.25, 0.5, 0.75])
-    expected = np.stack([1.0 - shares, shares, 0.0 * shares], axis=1)
-    np.testing.assert_allclose(row, np.broadcast_to(expected[:, None, None], row.shape), atol=1e-6)
+SHARES, STRENGTHS = np.array([[0.25], [0.5], [0.75]]), np.float32(cards.STRENGTHS)[:, None]
+COLORS = {  # what is written, columns and rows, ambient light; a row, its cells, and their colors; the tolerance
+    # Linear.
+    "blending": (cards.alpha_modes, 6, 3, None, 2, np.s_[:3], [1.0, 0.0, 0.0] + SHARES * [-1.0, 1.0, 0.0], 1e-6),
+    # Ambient light of 2 on white, times 1, 0.4 and 0.
+    "occlusion": (cards.multi_uv, 5, 1, 2.0, 0, np.s_[2:], 2.0 * np.array([[1.0], [cards.OCCLUSION], [0.0]]), 1e-6),
+    # Those of each type equal the factor below.
+    "vertex colors": (cards.vertex_colors, 4, 2, None, 0, np.s_[:3], [cards.VERTEX_COLOR], 1e-6),
+    "factors": (cards.vertex_colors, 4, 2, None, 1, np.s_[:3], [cards.VERTEX_COLOR], 1e-6),
+    # Powers of two, far beyond white.
+    "emission": (cards.emissive_strength, 6, 1, None, 0, np.s_[:], STRENGTHS * np.float32(cards.EMISSION), 0.0),
+}
 
 
-def test_occlusion_of_the_second_set(drawn):
-    """Ambient light of 2 on white, times 1, 0.4 and 0."""
-    row = drawn(cards.multi_uv, 5, 1, ambient=2.0).inner()[0, 2:]
-    expected = 2.0 * np.array([1.0, cards.OCCLUSION, 0.0])
-    np.testing.assert_allclose(row, np.broadcast_to(expected[:, None, None, None], row.shape), rtol=1e-6)
-
-
-def test_vertex_colors_are_linear(drawn):
-    """Those of each type equal the factor below; rounding of three products."""
-    image = drawn(cards.vertex_colors, 4, 2).inner()
-    np.testing.assert_allclose(image[0, :3], np.broadcast_to(cards.VERTEX_COLOR, image[0, :3].shape), rtol=1e-6)
-    np.testing.assert_allclose(image[0], image[1], rtol=1e-6)
-
-
-def test_strength_of_emission_is_a_factor(drawn):
-    """Powers of two: the ratios are exact, far beyond white."""
-    row = drawn(cards.emissive_strength, len(cards.STRENGTHS), 1).inner()[0]
-    expected = np.float32(cards.STRENGTHS)[:, None] * np.float32(cards.EMISSION)
-    np.testing.assert_array_equal(row, np.broadcast_to(expected[:, None, None], row.shape))
+@pytest.mark.parametrize("case", COLORS.values(), ids=COLORS)
+def test_cells_have_their_colors(drawn, case):
+    write, columns, rows, ambient, row, which, expected, tolerance = case
+    cells = drawn(write, columns, rows, ambient=ambient).inner()[row, which]
+    expected = np.broadcast_to(np.asarray(expected)[:, None, None], cells.shape)
+    np.testing.assert_allclose(cells, expected, rtol=tolerance, atol=tolerance)
 
 
 def test_orientation(drawn):

@@ -7,51 +7,59 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import needs_float64
-from line_scenes import CUBE_FACES, cube, floor, scene_of
 
 import clshade
 from clshade.errors import InputError
 from clshade.oracle import lines as oracle
 from clshade.pipeline.lines import always_drawn, face_normals, facing, mesh_edges, outlines
-from clshade.pipeline.renderer import Renderer, render
+from clshade.pipeline.renderer import render
 from clshade.scene.camera import Camera
-from clshade.scene.model import Mesh, Settings
+from clshade.scene.model import Mesh, PointLight, Scene, Settings
 from clshade.scene.settings import Edges
 
+CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # normals point outwards
+CUBE_FACES = np.array([corners for a, b, c, d in SIDES for corners in ((a, b, c), (a, c, d))])
 
-def drawn(mesh, edge_options: Edges) -> int:
+
+def cube(shared: bool = True) -> Mesh:
+    """Return a cube from (0, 0, 0) to (1, 1, 1); with `shared` False every face has vertices of its own."""
+    if shared:
+        return Mesh(CORNERS, CUBE_FACES)
+    return Mesh(CORNERS[CUBE_FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+
+
+def floor(height: float = 0.0) -> Mesh:
+    """Return a square at y = height, seen from above."""
+    verts = np.array([[-3.0, height, -3.0], [4.0, height, -3.0], [4.0, height, 4.0], [-3.0, height, 4.0]])
+    return Mesh(verts, np.array([[0, 2, 1], [0, 3, 2]]))
+
+
+def scene_of(*meshes: Mesh, eye=(3.1, 2.3, 4.2), lookat=(0.5, 0.5, 0.5), resolution=(60, 45)) -> Scene:
+    camera = Camera(np.array(eye), np.array(lookat), np.array([0.0, 1.0, 0.0]), 1.3, (1.0, 4 / 3), resolution)
+    return Scene(meshes, camera, (PointLight(np.array([3.0, 5.0, 4.0]), np.ones(3)),), np.full(3, 0.3), np.full(3, 0.5))
+
+
+def count(mesh: Mesh, kind: str, **fields) -> int:
     edges = mesh_edges(mesh.verts, mesh.faces)
-    return int(always_drawn(edges, edge_options, face_normals(mesh.verts, mesh.faces)).sum())
+    return int(always_drawn(edges, Edges(kind, **fields), face_normals(mesh.verts, mesh.faces)).sum())
 
 
-@pytest.mark.parametrize("shared", [True, False])
-def test_a_cube_has_12_features_and_6_diagonals(shared):
-    mesh = cube(shared)
-    assert [drawn(mesh, Edges(kind)) for kind in ("all", "feature", "boundary", "nonmanifold")] == [18, 12, 0, 0]
-    assert drawn(mesh, Edges("feature", angle=91)) == 0
-
-
-def test_a_face_that_winds_the_other_way_makes_no_feature():
-    mesh = cube()
-    faces = mesh.faces.copy()
-    faces[0] = faces[0][::-1]
-    normals = face_normals(mesh.verts, faces)
-    assert always_drawn(mesh_edges(mesh.verts, faces), Edges("feature"), normals).sum() == 12
-
-
-def test_open_and_triple_edges():
-    """Without one triangle three edges are boundaries; a fin on an edge makes that one non-manifold, two more open."""
-    assert drawn_of(CUBE_FACES[1:], "boundary") == 3
-    fin = np.vstack([cube().verts, [[2.0, 2.0, 2.0]]])
-    faces = np.vstack([CUBE_FACES, [[0, 1, 8]]])
-    edges, normals = mesh_edges(fin, faces), face_normals(fin, faces)
-    counts = {kind: int(always_drawn(edges, Edges(kind), normals).sum()) for kind in ("boundary", "nonmanifold")}
-    assert counts == {"boundary": 2, "nonmanifold": 1}
-
-
-def drawn_of(faces, kind) -> int:
-    verts = cube().verts
-    return int(always_drawn(mesh_edges(verts, faces), Edges(kind), face_normals(verts, faces)).sum())
+def test_kinds_of_edges():
+    """A cube has 12 features and 6 diagonals, also if a face winds the other way. Without one triangle three edges are
+    boundaries; a fin on an edge makes that one non-manifold, two more open."""
+    turned = cube().faces.copy()
+    turned[0] = turned[0][::-1]
+    fin = Mesh(np.vstack([CORNERS, [[2.0, 2.0, 2.0]]]), np.vstack([CUBE_FACES, [[0, 1, 8]]]))
+    for mesh, counts in (
+        (cube(), [18, 12, 0, 0]),
+        (cube(shared=False), [18, 12, 0, 0]),
+        (replace(cube(), faces=turned), [18, 12, 0, 0]),
+        (replace(cube(), faces=CUBE_FACES[1:]), [18, 10, 3, 0]),
+        (fin, [20, 11, 2, 1]),
+    ):
+        assert [count(mesh, kind) for kind in ("all", "feature", "boundary", "nonmanifold")] == counts
+    assert count(cube(), "feature", angle=91) == 0
 
 
 def test_silhouettes():
@@ -132,7 +140,6 @@ def flat_scene(verts, faces, resolution=(32, 32)):
     return replace(scene_of(Mesh(np.array(verts, float) * [-1, 1, 1], np.array(faces))), camera=camera)
 
 
-@pytest.mark.long
 def test_lines_have_their_width(device):
     """Lines 3 px wide along pixel borders cover three rows or columns; the rule is closed, so centers at 1.5 count."""
     scene = flat_scene([[8.5, 8.5, 5], [24.5, 8.5, 5], [24.5, 24.5, 5], [8.5, 24.5, 5]], [[0, 1, 2], [0, 2, 3]])
@@ -171,27 +178,6 @@ def test_nothing_shows_through(device):
     assert not render(scene, device=device, edges=Edges("feature", only=True)).alpha.any()
 
 
-@pytest.mark.long
-def test_layers_and_other_pixels_stay_as_they_are(device):
-    scene = scene_of(cube(), floor())
-    plain = render(scene, device=device, layers=("Z", "id"))
-    lined = render(scene, device=device, layers=("Z", "id"), edges=Edges("all", color=(9, 0, 0)))
-    for name in ("Z", "id"):
-        assert np.array_equal(plain[name], lined[name])
-    line = (lined.rgb == [9, 0, 0]).all(axis=-1)
-    assert 100 < line.sum() < line.size / 2
-    assert np.array_equal(plain.rgba[~line], lined.rgba[~line])
-
-
-@pytest.mark.long
-def test_near_plane_and_edges_behind(device):
-    """The eye stands within the floor's extent, above it: its edges cross the near plane."""
-    scene = scene_of(cube(), floor(-0.2), eye=(1.8, 0.9, 2.2))
-    assert passes(render(scene, device=device, edges=Edges("all", width=3.3)))
-    behind = scene_of(cube(), eye=(3.0, 3.0, 3.0), lookat=(9.0, 9.0, 9.0))
-    assert not render(behind, device=device, edges=ONLY).alpha.any()
-
-
 def test_a_scene_without_faces(device):
     scene = scene_of(Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)))
     assert not render(scene, device=device, edges=ONLY).alpha.any()
@@ -211,21 +197,3 @@ def test_culled_faces_neither_hide_nor_have_lines(device):
     scene = scene_of(floor(), eye=(0.5, -3.0, 4.0))
     assert not render(scene, device=device, edges=ONLY, cull=True).alpha.any()
     assert render(scene, device=device, edges=ONLY).alpha.any()
-
-
-@pytest.mark.long
-def test_lines_and_scalars_do_not_change_each_other(device):
-    """The layer is that of the frame without lines, and off the lines so is the image; from every camera."""
-    scene = scene_of(replace(cube(), scalars={"height": cube().verts[:, 1]}), floor())
-    options = {"scalars": "height", "layers": ("Z", "id", "scalar")}
-    with (
-        Renderer(scene, device=device, edges=Edges("all", color=(0, 0, 0.5)), **options) as both,
-        Renderer(scene, device=device, **options) as bare,
-    ):
-        for eye in ((3.1, 2.3, 4.2), (-2.0, 3.0, 1.5)):
-            camera = replace(scene.camera, eye=np.array(eye))
-            lined, plain = both.render(camera), bare.render(camera)
-            assert np.array_equal(lined["scalar"], plain["scalar"], equal_nan=True)
-            line = (lined.rgb == np.float32([0, 0, 0.5])).all(axis=-1)
-            assert 50 < line.sum() < line.size / 2
-            assert np.array_equal(lined.rgba[~line], plain.rgba[~line])

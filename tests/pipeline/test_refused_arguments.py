@@ -29,6 +29,7 @@ SCENE = clshade.builtin("icosphere", level=0, resolution=(8, 6))
 CAMERAS = {1: SCENE.camera}
 TURN = farm.parse_frames("1..2")
 FRAME = Frame(np.zeros((6, 8, 4), np.float32), {}, SCENE, clshade.Settings(), dict)
+ID_FRAME = Frame(FRAME.rgba, {"id": np.zeros((6, 8), np.uint32)}, SCENE, clshade.Settings(layers=("id",)), dict)
 CALLS = {
     "check: pixels": lambda odd: clshade.check(FRAME, pixels=odd),
     "check: seed": lambda odd: clshade.check(FRAME, seed=odd),
@@ -37,6 +38,7 @@ CALLS = {
     "tonemap: operator": FRAME.to_png8,
     "Frame.metadata: deterministic": lambda odd: FRAME.arrays(deterministic=odd),
     "flow: frame": lambda odd: clshade.flow(odd, SCENE),
+    "flow: to": lambda odd: clshade.flow(ID_FRAME, odd),
     "render: device": lambda odd: clshade.render(SCENE, device=odd),
     "Settings: preset": lambda odd: clshade.render(SCENE, preset=odd),
     "Renderer: forced": lambda odd: clshade.Renderer(SCENE, forced=odd),

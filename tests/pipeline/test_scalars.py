@@ -12,7 +12,8 @@ from matplotlib import colormaps
 
 from clshade import Camera, Material, Mesh, PointLight, Scalars, Scene, Settings, Texture, exr
 from clshade.errors import InputError
-from clshade.pipeline.frame import Frame, same_bits
+from clshade.images import png
+from clshade.pipeline.frame import Frame
 from clshade.pipeline.gather import map_positions
 from clshade.pipeline.struct_layout import MOST_POSITION
 from clshade.scene.scalar_colors import ColorMap
@@ -44,12 +45,10 @@ def floor() -> Mesh:
     return Mesh(SQUARE * 1.5 - np.float32([0, 0, 0.6]), HALVES, uvs=SQUARE[:, :2], material=Material(texture=texture))
 
 
-def drawn(device, scene: Scene, *, preset: str = "standard", lanes: int | None = None, **options) -> Frame:
-    arguments = {"scalars": "data", "layers": "all", **options}
-    return rendered(scene, device=device, preset=preset, lanes=lanes, **arguments)
+def drawn(device, scene: Scene, **options) -> Frame:
+    return rendered(scene, device=device, **{"scalars": "data", "layers": "all", **options})
 
 
-@pytest.mark.long
 def test_a_step_is_sharp_within_a_triangle(device):
     """Two colors of a map meet where the scalar crosses its middle: the number is interpolated, never the color."""
     scene = Scene(square([-1.0, 1.0, 1.0, -1.0]), FRONT)
@@ -61,18 +60,15 @@ def test_a_step_is_sharp_within_a_triangle(device):
     assert np.array_equal(np.isnan(frame["scalar"]), ~covered)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("preset", ["standard", "course"])
-def test_an_unlit_png_shows_the_maps_colors(device, preset):
+def test_an_unlit_png_shows_the_maps_colors(device):
     values = np.array([0.25, 3.0])
-    scene = Scene(square(values), FRONT, preset=preset)
-    frame = drawn(device, scene, preset="standard", shader="nolight", scalars=Scalars("data", "viridis", (0, 4)))
+    scene, scalars = Scene(square(values), FRONT), Scalars("data", "viridis", (0, 4))
+    frame = drawn(device, scene, shader="nolight", scalars=scalars)
     table = colormaps["viridis"](np.floor(values / 4 * 256).astype(int))[:, :3]
     codes = frame.to_png8()[frame["id"] == 1][0], frame.to_png8()[frame["id"] == 2][0]
     assert np.array_equal(codes, np.rint(255 * table))
 
 
-@pytest.mark.long
 def test_a_color_of_the_map_is_lit_as_any_other(device):
     """A map of one color, and the same mesh in that color: the same bits."""
     white, red = wave(), replace(wave(), scalars=None, colors=np.tile([1.0, 0.0, 0.0], (81, 1)))
@@ -83,17 +79,6 @@ def test_a_color_of_the_map_is_lit_as_any_other(device):
     changed = replace(white, material=Material(color=(0, 1, 0)), colors=np.full((81, 3), 0.3))
     again = drawn(device, Scene(changed, ASIDE, LIGHT), scalars=scalars)
     assert np.array_equal(mapped.rgba.view("u4"), again.rgba.view("u4"))
-
-
-@pytest.mark.long
-def test_scalars_that_are_not_shown_change_nothing(device):
-    scene = Scene((wave(), floor()), ASIDE, LIGHT)
-    bare = replace(scene, meshes=tuple(replace(mesh, scalars=None) for mesh in scene.meshes))
-    first, second = (drawn(device, variant, scalars=None) for variant in (scene, bare))
-    assert same_bits(first, second)
-    assert "scalar" not in first.layers
-    assert first.stats["left_out"]["SCALARS"] == "no scalars asked for"
-    assert first.stats["bytes"] == second.stats["bytes"]
 
 
 EXTREMES = [(1.0, 1e30), (1e9, 1e9 + 1e-3), (5e-324, 1e-310), (-1.7e308, 1.7e308), (0.5, 0.5), (0.0, 1e-300)]
@@ -138,48 +123,33 @@ def test_a_map_without_width_separates_what_is_below_and_above(device):
     assert (same.rgb[8:-8, 8:-8] == np.float32([0, 1, 0])).all()
 
 
-@pytest.mark.long
-def test_the_layer_in_a_file(opened, tmp_path):
-    frame = drawn(opened, Scene((wave(), floor()), ASIDE, LIGHT), layers=("Z", "scalar"))
-    for crop in (False, True):
-        frame.save(tmp_path / "a", crop=crop, half=True)
-        channels, header = exr.read(tmp_path / "a.exr")
-        assert channels["scalar"].dtype == np.float32
-        assert np.array_equal(channels["scalar"], frame["scalar"], equal_nan=True)
-        assert (header["dataWindow"] != header["displayWindow"]) == crop
-    assert header["scalarName"] == "data"
-    assert (header["scalarLow"], header["scalarHigh"]) == (
-        np.float32(frame.scene.meshes[0].scalars["data"].min()),
-        np.float32(frame.scene.meshes[0].scalars["data"].max()),
-    )
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("size", [(48, 36), (3, 2), (40, 300)])
-def test_a_color_bar_leaves_the_image_as_it_is(opened, tmp_path, size):
-    from PIL import Image
-
-    frame = drawn(opened, Scene((wave(), floor()), ASIDE.with_resolution(size), LIGHT), layers=())
+def test_a_color_bar_leaves_the_image_as_it_is_and_files_name_the_scalars(opened, tmp_path, size):
+    frame = drawn(opened, Scene((wave(), floor()), ASIDE.with_resolution(size), LIGHT), layers=("Z", "scalar"))
     frame.save(tmp_path / "plain")
     frame.save(tmp_path / "bar", colorbar=True)
-    plain, bar = (np.asarray(Image.open(tmp_path / f"{name}.png")) for name in ("plain", "bar"))
+    plain, bar = (png.read(tmp_path / f"{name}.png") for name in ("plain", "bar"))
     assert bar.shape[0] == size[1]
     assert bar.shape[1] >= size[0] + 16
     assert np.array_equal(bar[:, : size[0]], plain)
     assert len(np.unique(bar[:, size[0] :].reshape(-1, 3), axis=0)) > (20 if size[1] > 30 else 1)
-    assert np.array_equal(exr.read(tmp_path / "bar.exr")[0]["R"], frame.rgb[..., 0])
+    channels, header = exr.read(tmp_path / "bar.exr")
+    assert np.array_equal(channels["R"], frame.rgb[..., 0])
+    assert np.array_equal(channels["scalar"], frame["scalar"], equal_nan=True)
+    data = frame.scene.meshes[0].scalars["data"]
+    names = ("scalarName", "scalarLow", "scalarHigh")
+    assert [header[name] for name in names] == ["data", np.float32(data.min()), np.float32(data.max())]
 
 
-@pytest.mark.long
-def test_refusals(opened):
-    scene = Scene((wave(), floor()), ASIDE)
-    with pytest.raises(
-        InputError, match=r"render: scalars: expected one of the scene's \(data\), found 'date': did you mean 'data'"
-    ):
-        drawn(opened, scene, scalars="date")
-    with pytest.raises(InputError, match="render: scalars: expected a scene with scalars, found 'data'"):
-        drawn(opened, Scene(floor(), ASIDE))
+@pytest.mark.parametrize(
+    ("meshes", "scalars", "message"),
+    [
+        ((wave(), floor()), "date", r"expected one of the scene's \(data\), found 'date': did you mean 'data'"),
+        (floor(), "data", "expected a scene with scalars, found 'data'"),
+    ],
+)
+def test_refusals(opened, meshes, scalars, message):
+    with pytest.raises(InputError, match=f"render: scalars: {message}"):
+        rendered(Scene(meshes, ASIDE), device=opened, scalars=scalars)
     with pytest.raises(InputError, match="Settings: layers: expected scalars with the layer scalar"):
         Settings(layers="scalar")
-    with pytest.raises(InputError, match=r"Frame\.save: colorbar: needs scalars"):
-        drawn(opened, Scene(floor(), ASIDE), scalars=None, layers=()).save("never", colorbar=True)

@@ -1,22 +1,28 @@
-"""Textures: nearest texels, coordinates far outside the image, and coordinates by planes."""
+"""Textures: nearest texels, coordinates far outside the image and by planes, levels of detail, and maps of shader pbr."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
+import mpmath
 import numpy as np
+import oracle_asserts
 import pytest
-from devices import rendered
-from kernel_stages import OTHER_LANES, Probe
+from devices import rendered, skip_unsupported
+from kernel_stages import Probe
+from mapped_scenes import mapped, mapped_scene, sheet
+from mapped_scenes import noise as texels
 
 import clshade
-from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Texture
+from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Settings, Texture, oracle
 from clshade.errors import InputError
-from clshade.oracle import frame as oracle
+from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
-from clshade.pipeline.frame import Frame
-from clshade.pipeline.frame_results import Check
-from clshade.pipeline.opencl.device import Device
-from clshade.scene.settings import Settings
-from clshade.scene.texture import WRAPS, Wrap
+from clshade.pipeline.features import ignored
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.shading_tables import smaller_levels, texture_tables
+from clshade.scene.material import MAPS
 
 CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 QUAD = [[0, 1, 2], [0, 2, 3]]
@@ -24,6 +30,7 @@ UVS = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
 
 
 def noise(columns: int, rows: int, channels: int = 3) -> np.ndarray:
+    """Return independent random texels, so that a wrong level shows in the color."""
     return np.random.default_rng(3).uniform(0, 1, (rows, columns, channels)).astype(np.float32)
 
 
@@ -59,57 +66,27 @@ def test_pixel_centers_on_edges_are_gates(device):
     assert (expected.jump.max(axis=2) > 0.0).all()
 
 
-TEXEL = """
-#include "texture.clh"
-kernel void texels(global const REAL *high, global const REAL *low, global const int *size, global const int *wrap,
-                   global REAL *out)
-{
-    int i = get_global_id(0) * LANES;
-    double_single u = {LOAD_LANES(high + i), LOAD_LANES(low + i)};
-    Span span = texels_along(wrapped(u, wrap[i], LOOKUP_STANDARD), (ints)(size[i]), wrap[i], LOOKUP_STANDARD, 1);
-    integer first[LANES], second[LANES];
-    STORE_LANES(span.first, first);
-    STORE_LANES(span.second, second);
-    for (int k = 0; k < LANES; ++k)
-        out[i + k] = first[k] == second[k] ? first[k] : -1;
-}
-"""
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("lanes", [None, *OTHER_LANES])
-def test_the_kernel_finds_the_texel(device, lanes):
-    rng = np.random.default_rng(2)
-    count = 16 * 500
-    high = np.concatenate(
-        [
-            rng.integers(0, 2**32, count // 2, np.uint32).view(np.float32),
-            rng.integers(-64, 65, count // 2).astype(np.float32) / 16 + np.float32(2.0**-18),  # not on an edge
-        ]
-    )
-    low = np.zeros(count, np.float32)
-    size, wrap = (np.repeat(rng.choice(a, count // 16), 16).astype(np.int32) for a in ([1, 3, 16, 32768], range(3)))
-    indices = Probe(device, TEXEL, lanes=lanes, NEAREST=1)("texels", high, low, size, wrap)
-    assert ((indices >= 0) & (indices < size)).all()
-    exact = np.s_[count // 2 :]
-    for number, name in enumerate(WRAPS):
-        for texels in (1, 3, 16, 32768):
-            mine = np.flatnonzero((wrap[exact] == number) & (size[exact] == texels)) + count // 2
-            expected = reference.neighbors(high[mine].astype(np.float64), texels, "nearest", name)[0]
-            assert np.array_equal(indices[mine], expected)
-
-
 @pytest.mark.parametrize(("fields", "words"), [({"filter": "best"}, "linear"), ({"lookup": "course"}, "filter")])
 def test_other_filters_are_refused(fields, words):
     with pytest.raises(InputError, match=words):
         Texture(np.ones((2, 2, 3)), **{"filter": "nearest", **fields})
 
 
-@pytest.mark.long
 def test_at_vertices_it_is_not_shown_and_said():
-    scene = square(noise(2, 2))
-    frame = clshade.render(scene, texture_at="vertex", shader="nolight", resolution=(4, 4))
-    assert "the filter nearest of textures that are looked up at vertices" in frame.stats["ignored"]
+    names = ignored(square(noise(2, 2)), Settings(texture_at="vertex"))
+    assert names == ("the filter nearest of textures that are looked up at vertices",)
+
+
+def test_colors_of_whole_numbers():
+    """Of vertices and of textures: unsigned integers are fractions of their type's maximum; others are kept."""
+    shares = np.array([[0, 51, 255], [255, 102, 0], [204, 255, 0]])
+    for kind, factor in ((np.uint8, 1), (np.uint16, 257), (np.uint32, 16843009)):
+        codes = (shares * factor).astype(kind)
+        colors = Mesh(np.eye(3), [[0, 1, 2]], colors=codes).colors
+        assert np.allclose(colors, shares / 255, rtol=1e-15)
+        assert np.array_equal(Texture(codes[None]).image[0], np.float32(colors))
+    for plain in ([[0, 1, 0], [1, 0, 2], [-1, 0, 0]], np.eye(3, dtype=bool), np.eye(3, dtype=np.int8)):
+        assert np.array_equal(Mesh(np.eye(3), [[0, 1, 2]], colors=plain).colors, np.float64(plain))
 
 
 FAR_CAMERA = Camera.from_fov((0, 0, 3), (0, 0, 0), (0, 1, 0), 45, (61, 47))
@@ -120,33 +97,16 @@ def far(reach: float) -> np.ndarray:
     return np.random.default_rng(2).uniform(-reach, reach, (12, 3, 2))
 
 
-def report_of(device: Device, uvs: np.ndarray, shape: tuple[int, int], wrap: Wrap) -> Check:
-    """Check an image of large white triangles with coordinates uvs (F, 3, 2)."""
-    material = Material(texture=Texture(np.random.default_rng(5).random((*shape, 3)), wrap))
-    verts, faces = np.random.default_rng(1).uniform(-1, 1, (uvs.size // 2, 3)), np.arange(uvs.size // 2).reshape(-1, 3)
-    scene = Scene(Mesh(verts, faces, uvs=uvs.reshape(-1, 2), material=material), FAR_CAMERA)
-    frame = rendered(scene, device=device, shader="nolight", layers=("Z", "id", "uv", "albedo"))
-    return clshade.check(frame, "all")
-
-
+@pytest.mark.parametrize("exponent", [24, 26, 32, 39])
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
-def test_as_far_as_coordinates_go(device, wrap):
+def test_as_far_as_coordinates_go(device, exponent, wrap):
     """From 2^24 on float32 has no fractions: only the low parts hold them. At 2^39 they are accurate to 2^-9."""
-    for exponent in (24, 26, 32, 39):
-        report = report_of(device, far(2.0**exponent), (8, 4), wrap)
-        assert report.passed
-        assert report.error < 2.0 ** (exponent - 44)
-
-
-def test_the_bound_knows_how_far_coordinates_reach(device):
-    """It is 32 up to 2^21 texels; larger errors come from coordinates, which have only 48 bits."""
-    for shape, reach, allowed in (((8, 8), 2.0**18, 32.0), ((8, 8), 2.0**22, 47.0), ((4, 1024), 2.0**20, 543.0)):
-        uvs = far(reach)
-        uvs[0, 0] = reach
-        report = report_of(device, uvs, shape, "repeat")
-        assert report.passed
-        assert report.allowed == allowed
-        assert (report.bounds > 32.0) == (allowed > 500.0)
+    material = Material(texture=Texture(np.random.default_rng(5).random((8, 4, 3)), wrap))
+    verts, faces = np.random.default_rng(1).uniform(-1, 1, (36, 3)), np.arange(36).reshape(-1, 3)
+    scene = Scene(Mesh(verts, faces, uvs=far(2.0**exponent).reshape(-1, 2), material=material), FAR_CAMERA)
+    report = clshade.check(rendered(scene, device=device, shader="nolight", layers=("Z", "id", "uv", "albedo")), "all")
+    assert report.passed
+    assert report.error < 2.0 ** (exponent - 44)
 
 
 def flat_camera(size: int, focal: float) -> Camera:
@@ -171,24 +131,15 @@ def patches(side: float, size: int = 256, focal: float = 300.0) -> Scene:
     return Scene((mesh,), flat_camera(size, focal), lights=(PointLight((0, 0, 0), (1, 1, 1)),))
 
 
-def bits(frame: Frame) -> np.ndarray:
-    return frame.rgba.view(np.uint32).copy()
-
-
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "options",
-    [{"lanes": 4}, {"forced": {"MIPMAPS"}}, {"forced": {"SORTED"}}],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [{"lanes": 4}, {"forced": {"MIPMAPS"}}, {"forced": {"SORTED"}}], ids=str)
 def test_the_choice_depends_on_triangle_and_tile_alone(device, options):
     """Work-items take tiles in another order each time; lanes and features that are not needed change nothing."""
     scene = patches(75.0)
     with Renderer(scene, device=device) as renderer:
-        expected = bits(renderer.render())
-        for _ in range(12):
-            assert np.array_equal(bits(renderer.render()), expected)
-    assert np.array_equal(bits(rendered(scene, device=device, **options)), expected)
+        expected = renderer.render()
+        assert all(same_bits(renderer.render(), expected) for _ in range(12))
+    assert same_bits(rendered(scene, device=device, **options), expected)
 
 
 @pytest.mark.long
@@ -212,7 +163,217 @@ def test_coefficients_just_below_a_power_of_two_keep_their_digits(device):
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("side", [1.3, 5.0, 17.0, 40.0])
+@pytest.mark.parametrize("side", [5.0, 1.3, 17.0, 40.0])
 def test_small_and_large_triangles_are_within_the_bound(device, side):
     frame = clshade.render(patches(side, size=128), device=device)
     assert clshade.check(frame, pixels=128 * 128).bounds < 4.0
+
+
+# Trilinear
+
+
+UNIT = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+def draw(device, scene: Scene, **options: Any) -> Frame:
+    arguments = {"shader": "nolight", "texture_filter": "trilinear", "layers": ("Z", "id"), **options}
+    return rendered(scene, device=device, **arguments)
+
+
+# The level of detail
+
+TEXT = """
+#include "texture.clh"
+#define IN(name) LOAD_LANES(name + i)
+kernel void detail(global const REAL *a, global const REAL *b, global const REAL *c, global const REAL *d,
+                   global const Texture *texture, global REAL *out)
+{
+    int i = get_global_id(0) * LANES;
+    Slopes slopes = {IN(a), IN(b), IN(c), IN(d)};
+    Detail found = detail_of(slopes, texture);
+    integer level[LANES];
+    REAL fraction[LANES];
+    STORE_LANES(found.level, level);
+    STORE_LANES(found.fraction, fraction);
+    for (int k = 0; k < LANES; ++k) {
+        out[2 * (i + k)] = level[k];
+        out[2 * (i + k) + 1] = fraction[k];
+    }
+}
+"""
+SIZE = (48, 20)  # columns and rows: levels 0 to 5
+LAST = 5
+# rho^2: a product per side, 2 roundings of its square; their sum, 1: 3 of 2^-53 or 2^-24, which are 3/(2 ln 2) = 2.2 in
+# lambda. The logarithm, at most 3/2 before it is halved, is within 1 rounding, and a sum of 1 may be rounded once more:
+# 3.7 in total.
+DETAIL = {np.float32: 4 * 2.0**-24, np.float64: 4 * 2.0**-53}
+
+
+def details(device, slopes: np.ndarray, real: type = np.float32) -> np.ndarray:
+    """Return level and fraction (K, 2) for slopes (K, 4): u and v to the right, u and v up."""
+    table, _ = texture_tables([Texture(noise(*SIZE))], mipmaps=True)
+    columns = [np.ascontiguousarray(column, real) for column in slopes.T]
+    return Probe(device, TEXT, MIPMAPS=1, DOUBLE=int(real is np.float64))(
+        "detail", *columns, table, width=2, dtype=real
+    )
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("real", DETAIL)
+def test_level_of_detail(device, real):
+    skip_unsupported(device, {"precision": real.__name__})
+    rng = np.random.default_rng(1)
+    slopes = np.exp2(rng.uniform(-9, 3, (20_000, 1))) * rng.normal(size=(20_000, 4))
+    slopes = slopes.astype(real).astype(np.float64)
+    levels = details(device, slopes, real).astype(np.float64)
+    expected = reference.level_of_detail(slopes[:, :2], slopes[:, 2:], SIZE, LAST)
+    assert np.unique(levels[:, 0]).tolist() == list(range(LAST + 1))
+    assert ((levels[:, 1] >= 0.0) & (levels[:, 1] <= 1.0)).all()
+    assert np.abs(levels.sum(axis=1) - expected).max() <= DETAIL[real] + 4 * 2.0**-53
+    assert (levels[expected == 0.0] == 0.0).all()
+    assert (levels[expected == LAST] == [LAST, 0.0]).all()
+
+
+def test_the_oracles_level_of_detail_is_the_specifications():
+    mpmath.mp.dps = 30
+    for a, b, c, d in np.random.default_rng(2).normal(size=(50, 4)):
+        rho = max(mpmath.hypot(a * 48, b * 20), mpmath.hypot(c * 48, d * 20))
+        level = reference.level_of_detail(np.array([a, b]), np.array([c, d]), SIZE, LAST)
+        assert float(level) == pytest.approx(float(min(max(mpmath.log(rho, 2), 0), LAST)), abs=1e-15)
+
+
+def test_whole_levels_are_exact(device):
+    """A power of two texels per pixel, in any of the four slopes: that level, and nothing of the next."""
+    for k in range(LAST + 3):
+        step = np.diag([2.0**k / side for side in (*SIZE, *SIZE)])[[0, 2]]  # 20 rows: 1/20 is not a float32
+        assert details(device, step).tolist() == [[min(k, LAST), 0.0]] * 2
+
+
+def test_undefined_and_endless_slopes(device):
+    """NaN, infinity and 1e30 select the last level; 0 and values whose squares underflow level 0. So in the oracle."""
+    for value, level in ((np.nan, LAST), (np.inf, LAST), (1e30, LAST), (-1e30, LAST), (0.0, 0), (1e-30, 0)):
+        for count in (1, 4):  # the last ones of the four
+            slopes = np.zeros((1, 4))
+            slopes[:, -count:] = value
+            assert details(device, slopes).tolist() == [[level, 0.0]]
+            assert reference.level_of_detail(slopes[:, :2], slopes[:, 2:], SIZE, LAST).tolist() == [level]
+
+
+# Whole frames
+
+
+@pytest.mark.long
+def test_long_thin_triangles(device):
+    """Strips with aspect ratios up to 6000 and an undistorted texture: in their slopes all but one part in 6000
+    cancels.
+
+    Slopes in plain float32 give 490 bounds, in double-single 1.3. Allowed are the roundings after double-single: a
+    slope's two parts, the division, the product and the texels, 5, twice in the square, and 2 there: 12/(2 ln 2) = 8.7
+    in lambda, with the logarithm's 1.5 10.2 times the levels' difference, at most 1; and 2 of the mean.
+    """
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    for count in (40, 4000):
+        across = np.linspace(-1.5, 1.5, count + 1)
+        ends = np.concatenate([np.stack([across, np.full(count + 1, side)], axis=1) for side in (-2.0, 2.0)])
+        flat = ends @ turn
+        verts = np.concatenate([flat, 0.3 * flat[:, :1]], axis=1)
+        i = np.arange(count)
+        faces = np.concatenate([np.stack([i, i + 1, i + count + 2], 1), np.stack([i, i + count + 2, i + count + 1], 1)])
+        mesh = Mesh(verts, faces, uvs=0.7 * flat, material=Material(texture=Texture(noise(256, 256))))
+        frame = draw(device, Scene((mesh,), lit.CAMERA))
+        assert frame.alpha.mean() > 0.3
+        assert oracle_asserts.assert_drawn(frame).bounds < 12.5
+
+
+# Closed forms
+
+ABOVE = Camera((0, 0, 5.0), (0, 0, 0), (0, 1, 0), 1.0, (2.0, 2.0), (16, 16), orthographic=True)
+
+
+def aligned(image: np.ndarray, repeats: float = 1.0) -> Scene:
+    """Return a square that fills the image of 16 x 16 pixels."""
+    return Scene((Mesh(CORNERS, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image))),), ABOVE)
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+def test_a_power_of_two_texels_a_pixel_gives_that_level(device, level):
+    """Bit for bit, with the level's texels at the pixels' centers."""
+    image = noise(16 << level, 16 << level)
+    expected = [image, *smaller_levels(image)][level]
+    frame = draw(device, aligned(image))
+    assert np.array_equal(frame.rgb, expected[::-1])  # v goes up
+    assert np.array_equal(oracle.render(frame.scene, frame.settings).rgb, expected[::-1])
+
+
+def test_magnified_is_bilinear_bit_for_bit(device):
+    """At least a pixel per texel, up to exactly one."""
+    scenes = [aligned(noise(16, 16)), aligned(noise(5, 3)), aligned(noise(16, 8), 0.5)]
+    mesh = lit.patch(uvs=None)
+    mesh = replace(mesh, uvs=0.2 * mesh.verts[:, :2], material=Material(texture=Texture(noise(37, 53))))
+    for scene in (*scenes, lit.scene_of(replace(mesh, colors=None))):
+        frames = [draw(device, scene, texture_filter=name) for name in ("bilinear", "trilinear")]
+        assert "MIPMAPS" in frames[1].stats["features"]
+        assert same_bits(*frames)
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("real", DETAIL)
+def test_a_texel_a_pixel_is_bilinear_whatever_rounding_makes_of_the_one(device, real):
+    """Slopes of one texel, up to a few roundings either way: level 0, and nothing of the next."""
+    off = 1.0 + DETAIL[real] / 4.0 * np.arange(-6.0, 7.0)
+    slopes = np.stack([off / SIZE[0], 0.0 * off, 0.0 * off, off[::-1] / SIZE[1]], axis=1)
+    assert (details(device, slopes, real) == 0.0).all()
+    slopes[:, 0] *= 1.0 + 2.0**-16  # exceeds rounding
+    assert (details(device, slopes, real)[:, 1] > 0.0).all()
+
+
+def test_it_needs_lookups_at_pixels():
+    with pytest.raises(InputError, match="texture_filter: expected bilinear with texture_at vertex"):
+        Settings.from_preset("course", texture_filter="trilinear")
+    assert Settings.from_preset("course", texture_filter="trilinear", texture_at="pixel").texture_filter == "trilinear"
+
+
+# Maps of shader pbr
+
+
+def with_maps(mesh: Mesh, **changes: Any) -> Mesh:
+    return replace(mesh, material=replace(mesh.material, pbr=mapped(**changes)))
+
+
+def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
+    """Of the size and the wrap modes of the normal map, which share its lookup; and of its size alone."""
+    shared = {
+        name: Texture(texels(8, 11, seed))
+        for seed, name in enumerate(("metallic_roughness_texture", "emission_texture"))
+    }
+    scene = mapped_scene(with_maps(sheet(), **shared, occlusion_texture=Texture(texels(8, 11, 7), wrap="clamp")))
+    oracle_asserts.assert_all(rendered(scene, device=device, shader="pbr", layers=("Z", "id", "N")))
+    facets = scene.meshes[0].material.pbr
+    names = list(MAPS)[:4]
+    textures = [getattr(facets, name) for name in names]
+    alike = texture_tables(textures)[0]["alike"]
+    assert {name: names[k] for name, k in zip(names, alike, strict=True)} == {
+        "metallic_roughness_texture": "metallic_roughness_texture",
+        "normal_texture": "metallic_roughness_texture",
+        "occlusion_texture": "occlusion_texture",
+        "emission_texture": "metallic_roughness_texture",
+    }
+    alternatives = [
+        {"wrap": "mirror"},
+        {"filter": "nearest"},
+        {"coordinates": 1},
+        {"image": texels(11, 8)},
+        {"lookup": "course"},
+    ]
+    alone = [replace(facets.normal_texture, **changes) for changes in alternatives]
+    assert texture_tables([facets.normal_texture, *alone])[0]["alike"].tolist() == list(range(6))
+
+
+@pytest.mark.long
+def test_a_flat_map_changes_no_bit(device):
+    """Its texels are exactly (1/2, 1/2, 1)."""
+    plain: dict[str, Any] = dict.fromkeys(("occlusion_texture", "emission_texture", "metallic_roughness_texture"))
+    flat = with_maps(sheet(), **plain, normal_texture=Texture(np.full((2, 2, 3), [0.5, 0.5, 1.0])))
+    bare = with_maps(sheet(), **plain, normal_texture=None)
+    assert same_bits(*(clshade.render(mapped_scene(mesh), shader="pbr", device=device) for mesh in (flat, bare)))

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import rendered
-from kernel_stages import OTHER_LANES
 
 from clshade.errors import InputError
 from clshade.pipeline.draw import TileLists
@@ -33,9 +32,9 @@ def scene(*meshes: Mesh, background=None, **fields) -> Scene:
     return Scene(meshes, CAMERA, background=background, **fields)
 
 
-def draw(device, drawn_scene: Scene, lanes: int | None = None, **options) -> Frame:
+def draw(device, drawn_scene: Scene, **options) -> Frame:
     """Draw with all features on, for which few programs are built, unless `options` say otherwise."""
-    return rendered(drawn_scene, device=device, lanes=lanes, **{"forced": OPTIONAL, **options})
+    return rendered(drawn_scene, device=device, **{"forced": OPTIONAL, **options})
 
 
 def test_alpha_comes_from_material_vertices_and_texture(device):
@@ -56,7 +55,7 @@ def test_alpha_comes_from_material_vertices_and_texture(device):
 
 
 @pytest.mark.parametrize("order", [1, -1])
-@pytest.mark.parametrize("visibility", ["depth", "painter"])
+@pytest.mark.parametrize("visibility", ["depth", pytest.param("painter", marks=pytest.mark.long)])
 def test_layers_are_composited_in_order_of_depth(device, order, visibility):
     meshes = (
         square(0, color=BLUE, opacity=0.5),
@@ -73,6 +72,7 @@ def test_layers_are_composited_in_order_of_depth(device, order, visibility):
     assert hidden.rgba[MIDDLE].tolist() == [1, 0, 0, 1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", [2**24 - 3, 2**29 - 40])
 def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
     """In painter's order of many triangles, some of them transparent."""
@@ -101,12 +101,10 @@ def test_of_layers_in_one_plane_the_later_is_nearer(device, turned):
     assert (draw(device, scene(wall, meshes[0])).rgba[6:14, 8:12] == [0.5, 0, 0.5, 1]).all()
 
 
-@pytest.mark.parametrize("lanes", OTHER_LANES)
 @pytest.mark.parametrize(
-    ("orthographic", "tilt", "planes"),
-    [(False, 0.0, 1), (True, 0.0, 1), (True, 1 / 64, 1), (True, 0.0, 2), (True, 1 / 64, 2), (True, 0.0, 300)],
+    ("orthographic", "tilt", "planes"), [(False, 0.0, 1), (True, 1 / 64, 1), (True, 1 / 64, 2), (True, 0.0, 300)]
 )
-def test_many_layers_in_one_plane(device, lanes, orthographic, tilt, planes):
+def test_many_layers_in_one_plane(device, orthographic, tilt, planes):
     """Up to some eighty at a pixel, all equally near: the later face is nearer, whatever rounding makes of them. Of several
     planes one is in front of another by less than float32 tells apart, with every second face in it, or with one face."""
     columns, rows, count, alpha = 40, 36, 300, 0.3
@@ -125,7 +123,7 @@ def test_many_layers_in_one_plane(device, lanes, orthographic, tilt, planes):
     focal = 1.0 if orthographic else 40.0  # a unit is a pixel
     camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), focal, (rows, columns), (columns, rows), orthographic=orthographic)
     drawn_scene = Scene((mesh,), camera, (), ambient=0.0, background=0.0)
-    frame = draw(device, drawn_scene, lanes, shader="nolight", near=0.5, samples=1)
+    frame = draw(device, drawn_scene, shader="nolight", near=0.5, samples=1)
     expected, through = np.zeros((rows, columns, 3)), np.ones((rows, columns))
     at_x, at_y = np.meshgrid(256 * np.arange(columns) + 128, 256 * np.arange(rows) + 128)
     for k in sorted(range(count), key=lambda k: (behind[k], -k)):
@@ -157,38 +155,6 @@ def test_each_sample_has_its_own_owner(device):
     red, blue = walls[..., :1], walls[..., 2:]
     assert ((red > 0) & (blue > 0)).any()
     assert np.allclose(both, red * RED + blue * (GREEN + BLUE) / 2)
-
-
-@pytest.mark.parametrize("shared", ["mesh", "meshes", "instances"])
-def test_panes_in_one_plane(device, shared):
-    """The same whether they are faces of one mesh, meshes, or instances."""
-    count, alpha = 32, 0.05
-    generator = np.random.default_rng(1)
-    at, half = generator.uniform(-1, 1, (count, 2)), generator.uniform(0.3, 1.2, (count, 2))
-    unit = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    corners = unit[:, :2] * half[:, None] + at[:, None]
-    verts, faces = np.dstack([corners, np.zeros((count, 4))]), np.array([[0, 1, 2], [0, 2, 3]])
-    material = Material(color=1.0, blend=True, opacity=alpha)
-    placements = np.tile(np.eye(4), (count, 1, 1))
-    placements[:, 0, 0], placements[:, 1, 1], placements[:, :2, 3] = half[:, 0], half[:, 1], at
-    meshes = {
-        "mesh": (
-            Mesh(verts.reshape(-1, 3), (faces + 4 * np.arange(count)[:, None, None]).reshape(-1, 3), material=material),
-        ),
-        "meshes": tuple(Mesh(vertices, faces, material=material) for vertices in verts),
-        "instances": (Mesh(unit, faces, material=material, instances=placements),),
-    }[shared]
-    camera = Camera((0, 0, 7.3), (0, 0, 0), (0, 1, 0), 7.3, (3.2, 3.2), (64, 64))
-    frame = draw(device, Scene(meshes, camera, (), background=0.0), shader="nolight", samples=1)
-    place = (np.arange(64) + 0.5) * 3.2 / 64 - 1.6
-    x, y = place[None, :, None], -place[:, None, None]
-    inside = [np.abs(p - at[:, k]) - half[:, k] for k, p in enumerate((x, y))]
-    layers = np.all(np.broadcast_arrays(*(distance < 0 for distance in inside)), axis=0).sum(axis=2)
-    at_an_edge = np.any(np.broadcast_arrays(*(np.abs(distance) < 0.01 for distance in inside)), axis=(0, 3))
-    wrong = abs(frame.alpha - (1 - (1 - alpha) ** layers)) > 1e-5
-    assert layers.max() > 10
-    assert (~at_an_edge).mean() > 0.3
-    assert not (wrong & ~at_an_edge).any()
 
 
 @pytest.mark.parametrize("depth", [1e-3, 0.0])
@@ -226,28 +192,7 @@ def test_layers_show_what_is_opaque_enough(device, layer_alpha, face):
     assert (alone["id"][MIDDLE], alone["Z"][MIDDLE], alone.alpha[MIDDLE]) == (0, np.inf, 0.25)
 
 
-@pytest.mark.long
-def test_transparency_does_not_change_what_is_opaque(device):
-    """A scene with a transparent mesh elsewhere; and blending with an alpha of 1."""
-    wall, far = square(0, color=(0.3, 0.5, 0.7), blend=False), square(50, size=0.1, opacity=0.5)
-    lean = {"samples": 4, "layers": ("Z", "id"), "forced": ()}
-    plain = draw(device, scene(wall), **lean)
-    assert same_bits(plain, draw(device, scene(wall, far), **lean))
-    solid = replace(wall, material=replace(wall.material, blend=True))
-    assert "BLEND" in draw(device, scene(solid), **lean).stats["left_out"]
-
-
-@pytest.mark.long
-def test_lines_lie_over_transparent_faces(device):
-    glass = square(0, color=GREEN, opacity=0.5)
-    for samples in (1, 4):
-        frame = draw(device, scene(glass), samples=samples, edges="boundary", forced=())
-        inner = frame.rgba[8:12, 8:12]
-        assert (inner == [0, 0.5, 0, 0.5]).all()
-        assert (frame.alpha == 1.0).any()
-
-
-@pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "half"])
+@pytest.mark.parametrize("value", [-0.1, np.nan, "half"])
 def test_values_beyond_zero_to_one_are_refused(value):
     with pytest.raises(InputError, match=r"^Material: opacity: expected a number from 0 to 1"):
         Material(opacity=value)

@@ -38,7 +38,6 @@ def columns(visibility: clshade.pipeline.visible.Visible, *names: str) -> list[l
     return [visibility.table[name].tolist() for name in names]
 
 
-@pytest.mark.long
 def test_squares_of_which_one_covers_half_of_the_other(opened):
     """The second is before the first in a parallel projection, half a unit to the side; the third is alone."""
     camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
@@ -52,7 +51,6 @@ def test_squares_of_which_one_covers_half_of_the_other(opened):
     assert np.array_equal(visibility.masks, expected)
 
 
-@pytest.mark.long
 def test_parts_of_an_object_count_as_one(opened):
     """Two materials, two placements: two rows, in the layers too, on any path of instances."""
     places = at(-1, 0), at(1, 0)
@@ -71,15 +69,8 @@ def test_parts_of_an_object_count_as_one(opened):
         [2048, 768, 256],
         [2048, 384, 384, 256],
     ]
-    assert clshade.check(frame).passed
-    matte = clshade.cryptomatte(frame, ("object",))["object"]
-    assert json.loads(matte.metadata[next(key for key in matte.metadata if "manifest" in key)]).keys() == {
-        "pair",
-        "object 2",
-    }
 
 
-@pytest.mark.long
 def test_what_lies_outside_of_the_image(opened):
     """Half, three quarters and all of a square are outside; what is beyond the margin does not count at all."""
     scene = Scene((tiles(at(2, 0), at(-2, 1.5), at(0, 3), at(12.5, 0)),), CAMERA)
@@ -113,7 +104,6 @@ def test_against_the_oracle(opened):
     assert row == len(table) == 7
 
 
-@pytest.mark.long
 def test_holes_and_what_layers_look_through(opened):
     """Alpha that fails its test covers nothing, and hides nothing; nor does what is below layer_alpha."""
     half = Texture(np.float32([[[1, 1, 1, 1], [1, 1, 1, 0]]]), lookup="standard", filter="nearest", wrap="clamp")
@@ -126,14 +116,6 @@ def test_holes_and_what_layers_look_through(opened):
     glass = Scene((behind, tiles(at(0, 0), material=Material(blend=True, opacity=0.3))), camera)
     assert columns(clshade.visible(glass, device=opened), "pixels", "alone") == [[256, 0], [256, 0]]
     assert columns(clshade.visible(glass, device=opened, layer_alpha=0.25), "pixels") == [[0, 256]]
-
-
-@pytest.mark.long
-def test_sides_that_are_not_drawn(opened):
-    turned = np.diag([-1.0, 1.0, -1.0, 1.0])
-    scene = Scene((tiles(np.eye(4), material=Material(sides="front")), tiles(at(0, 0, -1) @ turned)), CAMERA)
-    assert columns(clshade.visible(scene, device=opened), "alone") == [[256, 144]]
-    assert columns(clshade.visible(scene, device=opened, cull=True), "alone") == [[256, 0]]
 
 
 def test_files(opened, tmp_path):
@@ -170,7 +152,6 @@ def test_nothing_and_refusals(opened):
             clshade.visible(Scene((), CAMERA), device=opened, **options)
 
 
-@pytest.mark.long
 def test_the_command_line_writes_the_table(opened, tmp_path, capsys):
     command = ("render", "quads", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
     for ending in ("csv", "json"):

@@ -1,4 +1,4 @@
-"""What `inspect` says of scenes."""
+"""What `inspect` says of scenes; counts and area of surfaces, in closed form and against trimesh."""
 
 from __future__ import annotations
 
@@ -10,7 +10,75 @@ from command_line import run
 from mesh_writers import CORNERS, INDICES, Gltf
 
 import clshade
-from clshade.scene.contents import format_contents, scene_contents
+from clshade.scene import contents as module
+from clshade.scene.contents import SurfaceFacts, format_contents, scene_contents, surface_facts
+from clshade.scene.model import Mesh, Scene
+
+CUBE = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+FACES = np.array([triangle for a, b, c, d in SIDES for triangle in ((a, b, c), (a, c, d))])
+CAMERA = clshade.Camera.from_fov((0, 0, 9), (0, 0, 0), (0, 1, 0), 40.0)
+
+
+def scene_of(*meshes):
+    return Scene(meshes, CAMERA)
+
+
+FIN = np.concatenate([CUBE, [(0.0, 0.5, -1.0)]])
+
+
+@pytest.mark.parametrize(
+    ("verts", "faces", "facts"),
+    [
+        (CUBE, FACES, (8, 12, 6.0, 8, 1, 0, 0)),
+        (CUBE[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3), (36, 12, 6.0, 8, 1, 0, 0)),
+        (CUBE, FACES[:-2], (8, 10, 5.0, 8, 1, 4, 0)),
+        (FIN, np.concatenate([FACES, [(0, 2, 8)]]), (9, 13, 6.0 + 0.5, 9, 1, 2, 1)),
+        (FIN, np.concatenate([FACES, [(3, 3, 5)]]), (9, 13, 6.0, 8, 1, 0, 0)),  # of which one has no area
+        (CUBE, [(3, 3, 5)], (8, 1, 0.0, 0, 0, 0, 0)),
+        (CUBE, np.zeros((0, 3), int), (8, 0, 0.0, 0, 0, 0, 0)),
+    ],
+)
+def test_cubes_whole_open_with_a_fin_and_nothing(verts, faces, facts):
+    surface = surface_facts(scene_of(Mesh(verts, faces)))
+    assert surface == SurfaceFacts(*facts)
+    assert surface.closed is (facts[2] == 6.0)
+    assert isinstance(surface.area, float)
+
+
+def test_instances_and_meshes():
+    """Two cubes of sides 1 and 2 apart, and one that another mesh adds to the first."""
+    two = np.stack([np.eye(4), np.diag([2.0, 2.0, 2.0, 1.0])])
+    two[1, 0, 3] = 5.0
+    facts = surface_facts(scene_of(Mesh(CUBE, FACES, instances=two), Mesh(CUBE + (1.0, 0.0, 0.0), FACES)))
+    assert facts.area == 6.0 + 24.0 + 6.0
+    assert (facts.vertices, facts.triangles, facts.positions, facts.shapes) == (24, 36, 20, 2)
+    assert (facts.boundary_edges, facts.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
+
+
+def test_edges_of_large_scenes_are_not_counted(monkeypatch):
+    monkeypatch.setattr(module, "MAX_COUNTED_FACES", 11)
+    facts = surface_facts(scene_of(Mesh(CUBE, FACES)))
+    assert facts == SurfaceFacts(8, 12, 6.0)
+    assert facts.closed is None
+
+
+@pytest.mark.parametrize("name", ["teapot", "icosphere", "box_room"])
+def test_against_trimesh(name):
+    trimesh = pytest.importorskip("trimesh")
+    scene = clshade.builtin(name)
+    parts = [
+        trimesh.Trimesh(mesh.verts @ m[:3, :3].T + m[:3, 3], mesh.faces, process=False)
+        for mesh in scene.meshes
+        for m in mesh.instances
+    ]
+    merged = trimesh.util.concatenate(parts)
+    places, which = np.unique(merged.vertices, axis=0, return_inverse=True)
+    merged = trimesh.Trimesh(places, which.reshape(-1)[merged.faces], process=False)
+    facts = surface_facts(scene)
+    assert facts.area == pytest.approx(merged.area, rel=1e-9)
+    _, uses = np.unique(merged.edges_sorted, axis=0, return_counts=True)
+    assert (facts.boundary_edges, facts.non_manifold_edges) == ((uses == 1).sum(), (uses > 2).sum())
 
 
 def test_what_is_added_is_not_the_files(tmp_path):
@@ -60,10 +128,3 @@ def test_cameras_of_gltf_files(used, tmp_path, capsys):
     line = run(capsys, "inspect", path)[1].splitlines()[2]
     assert ("view angle 45, 800x600, the first of 2" if used else "none, 2 without use") in line
     assert json.loads(run(capsys, "inspect", path, "--json")[1])["cameras"] == 2
-
-
-def test_builtin_scenes(capsys):
-    code, out, err = run(capsys, "inspect", "quads")
-    assert (code, err) == (0, [])
-    assert out.startswith("scene   quads: ")
-    assert "light 0: PointLight" in out

@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from clshade.errors import InputError
 from clshade.scene import geometry
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.geometry import against_normals, crease_normals, seamless_normals, welded
-from clshade.scene.triangulate import strips, triangulated
+from clshade.scene.triangulate import triangulated
 
 RNG = np.random.default_rng(8)
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -28,22 +27,6 @@ def test_a_cube():
         np.testing.assert_allclose(normals[index], flat[flat_index], atol=1e-15)
     smooth, index = crease_normals(CUBE, FACES, 91)
     np.testing.assert_allclose(smooth[index], geometry.vertex_normals(CUBE, FACES)[FACES], atol=1e-15)
-
-
-def test_at_180_it_is_smooth_and_at_0_flat():
-    mesh = builtin("teapot").meshes[0]
-    verts, faces = np.asarray(mesh.verts, float), mesh.faces
-    kept, which = welded(verts)
-    normals, index = crease_normals(verts, faces, 180)
-    cross = np.cross(verts[faces[:, 1]] - verts[faces[:, 0]], verts[faces[:, 2]] - verts[faces[:, 0]])
-    area = np.linalg.norm(cross, axis=1) > 0
-    flat, flat_index = crease_normals(verts, faces, 0)
-    np.testing.assert_allclose(
-        flat[flat_index[area, 0]], (cross / np.linalg.norm(cross, axis=1)[:, None].clip(1e-300))[area], atol=1e-9
-    )
-    smooth = geometry.vertex_normals(verts[kept], which[faces])[which[faces]]
-    same = np.isclose(normals[index], smooth, atol=1e-9).all(axis=2)
-    assert same.mean() > 0.95  # vertices where parts only touch are not merged
 
 
 def roof(degrees: float) -> tuple[np.ndarray, np.ndarray]:
@@ -63,29 +46,20 @@ def test_seams_of_a_sphere_vanish_and_edges_of_a_cube_stay():
     flat = geometry.vertex_normals(corners, sides)
     np.testing.assert_allclose(seamless_normals(corners, sides), flat, atol=1e-15)
     assert seamless_normals(CUBE, FACES) is None
-
-
-@pytest.mark.parametrize(("angle", "count"), [(29, 1), (31, 2)])
-def test_the_angle_of_a_seam(angle, count):
-    verts, faces = roof(angle)
-    normals = seamless_normals(verts[faces].reshape(-1, 3), np.arange(6).reshape(2, 3))
-    assert (normals is None) == (count == 2)
+    for degrees in (29, 31):
+        verts, faces = roof(degrees)
+        normals = seamless_normals(verts[faces].reshape(-1, 3), np.arange(6).reshape(2, 3))
+        assert (normals is None) == (degrees == 31)
 
 
 @pytest.mark.parametrize(("angle", "crease", "count"), [(20, 30, 4), (40, 30, 6), (30, 30, 4), (179, 178, 6)])
-def test_the_angle(angle, crease, count):
+def test_the_angle_of_a_crease_also_where_vertices_are_split(angle, crease, count):
     verts, faces = roof(angle)
     normals, index = crease_normals(verts, faces, crease)
     assert len(normals) == count
     assert (index[0, 0] == index[1, 1]) == (count == 4)
-
-
-def test_split_vertices_count_as_one():
-    verts, faces = roof(20)
-    apart = verts[faces].reshape(-1, 3)
-    one, index = crease_normals(verts, faces, 30)
-    two, second_index = crease_normals(apart, np.arange(6).reshape(2, 3), 30)
-    np.testing.assert_allclose(one[index], two[second_index], atol=1e-15)
+    split, split_index = crease_normals(verts[faces].reshape(-1, 3), np.arange(6).reshape(2, 3), crease)
+    np.testing.assert_allclose(normals[index], split[split_index], atol=1e-15)
 
 
 def test_degenerate_meshes():
@@ -93,14 +67,8 @@ def test_degenerate_meshes():
         normals, index = crease_normals(CUBE, faces, 30)
         assert index.shape == faces.shape
         assert not normals.any()
-    many = np.array([[0, 1, 2]] * 1000)  # one edge shared by a thousand faces
-    normals, index = crease_normals(CUBE, many, 30)
-    assert len(np.unique(index)) == 3
     tiny, index = crease_normals(CUBE * 1e-140, FACES, 30)
     np.testing.assert_allclose(np.linalg.norm(tiny, axis=1), 1, atol=1e-12)
-    for degrees in (-1, 181, math.nan, "a"):
-        with pytest.raises(InputError):
-            crease_normals(CUBE, FACES, degrees)
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
@@ -121,15 +89,8 @@ def test_faces_against_their_normals():
     assert against_normals(CUBE, FACES, normals, FACES).sum() in (0, 12)
     inside_out = against_normals(CUBE, FACES, normals, FACES)[0]
     assert (against_normals(CUBE, faces, normals, faces) == (wrong != inside_out)).all()
+    broken = np.where(np.arange(8)[:, None] == 0, np.nan, normals)  # the finite normals of a face decide
+    assert (against_normals(CUBE, faces, broken, faces) == (wrong != inside_out)).all()
     no_area = np.array([[0, 0, 5], [1, 1, 1]])
     assert not against_normals(CUBE, no_area, normals, no_area).any()
     assert not against_normals(CUBE, FACES, 0 * normals, FACES).any()
-    many = np.tile(faces, (5000, 1))  # more than one block
-    assert (against_normals(CUBE, many, normals, many) == np.tile(wrong != inside_out, 5000)).all()
-
-
-def test_strips():
-    indices = np.array([5, 6, 7, 8, -1, -1, 1, 2, -1, 3, 4, 5])
-    assert strips(indices).tolist() == [[5, 6, 7], [6, 8, 7], [3, 4, 5]]
-    for short in ([], [1], [1, 2], [-1, -1, -1]):
-        assert len(strips(np.array(short, np.int32))) == 0

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +13,8 @@ from clshade import exr
 from clshade.errors import InputError
 from clshade.scene.environment import Environment, nearest_axis
 from clshade.scene.image_light import (
+    bilinear,
     brdf_table,
-    image_light,
     irradiance_coefficients,
     lobe,
     moments,
@@ -36,46 +34,6 @@ RNG = np.random.default_rng(5)
 def irradiance(environment: Environment, n: np.ndarray) -> np.ndarray:
     x, y, z = n
     return np.array([x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]) @ irradiance_coefficients(environment)
-
-
-# What is accepted
-
-
-@pytest.mark.parametrize(
-    ("fields", "named"),
-    [
-        ({"image": np.ones((4, 8))}, "image"),
-        ({"image": np.ones((0, 8, 3))}, "image"),
-        ({"image": np.full((1, 2, 3), np.nan)}, "image: .*2 pixels that are NaN"),
-        ({"image": np.full((1, 1, 3), np.inf)}, "image: .*1 pixel that is beyond 1e30"),
-        ({"image": np.full((1, 1, 3), -0.5)}, "image: .*1 pixel that is negative"),
-        ({"up": (0, 0, 0)}, "up"),
-        ({"intensity": -1.0}, "intensity"),
-        ({"intensity": 1e31}, "intensity"),
-        ({"rotation": np.inf}, "rotation"),
-        ({"name": 3}, "name"),
-    ],
-)
-def test_bad_values_are_named(fields, named):
-    with pytest.raises(InputError, match=f"^Environment: {named}"):
-        Environment(**{"image": np.ones((1, 1, 3)), **fields})
-
-
-def test_a_scene_takes_nothing_else_for_an_environment():
-    scene = clshade.builtin("icosphere", level=0)
-    for fields in ({"environment": "sky.hdr"}, {"own_lights": 1}):
-        with pytest.raises(InputError, match=f"^Scene: {next(iter(fields))}: expected "):
-            replace(scene, **fields)
-
-
-def test_codes_are_divided_and_the_image_is_read_only():
-    environment = Environment(np.full((1, 2, 3), 255, np.uint8))
-    assert environment.image.dtype == np.float32
-    assert (environment.image == 1.0).all()
-    assert not environment.image.flags.writeable
-
-
-# Where directions lie
 
 
 @pytest.mark.parametrize(
@@ -104,13 +62,7 @@ def test_another_up_turns_the_whole(up):
     np.testing.assert_allclose(axes[2], np.array(up) / np.linalg.norm(up), atol=1e-15)
     if up == (0, 0, 2):
         np.testing.assert_allclose(axes[0], [0, -1, 0], atol=1e-15)
-
-
-def test_the_nearest_axis():
     assert nearest_axis(np.array([0.1, -0.9, 0.2])) == (0.0, -1.0, 0.0)
-
-
-# Files
 
 
 def test_exr_and_png(tmp_path):
@@ -125,33 +77,24 @@ def test_exr_and_png(tmp_path):
 
 
 def test_pixels_that_are_no_radiance_are_replaced_with_a_warning(tmp_path):
+    """Half floats know no 1e30: the largest other pixel of the file takes the place of infinity."""
     image = np.ones((2, 3, 3), np.float32)
-    image[0, 0], image[0, 1, 1], image[1, 2], image[1, 1] = np.nan, -3.0, np.inf, 7.0
+    image[0, 1, 1], image[1, 2], image[1, 1] = -3.0, np.inf, 7.0
+    exr.write(tmp_path / "half.exr", image, half=True)
+    image[0, 0] = np.nan
     exr.write(tmp_path / "e.exr", image)
-    with pytest.warns(UserWarning, match=r"1 pixel that is NaN"):
+    with pytest.warns(UserWarning, match="1 pixel that is beyond 1e30"):
+        half = clshade.load_environment(tmp_path / "half.exr").image
+    with pytest.warns(UserWarning, match="1 pixel that is NaN") as caught:
         pixels = clshade.load_environment(tmp_path / "e.exr").image
+    assert len(caught) == 1
     np.testing.assert_array_equal(pixels[0, 0], 0.0)
     np.testing.assert_array_equal(pixels[0, 1], [1, 0, 1])
     np.testing.assert_array_equal(pixels[1, 2], 7.0)
-
-
-def test_half_floats_know_no_1e30(tmp_path):
-    image = np.full((2, 4, 3), 5.0, np.float16)
-    image[1, 1] = np.inf
-    exr.write(tmp_path / "e.exr", image.astype(np.float32), half=True)
-    with pytest.warns(UserWarning, match=r"1 pixel that is beyond 1e30") as caught:
-        assert (clshade.load_environment(tmp_path / "e.exr").image == 5.0).all()
-    assert len(caught) == 1
-    with pytest.raises(InputError, match=r"^Environment: image: .*1 pixel that is beyond 1e30"):
-        Environment(image)
+    np.testing.assert_array_equal(half[1], pixels[1])
 
 
 def test_an_image_of_another_shape_is_stretched_with_a_warning(tmp_path):
-    for shape in ((1, 1), (5, 9), (8, 16)):
-        exr.write(tmp_path / "e.exr", np.ones((*shape, 3), np.float32))
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            clshade.load_environment(tmp_path / "e.exr")
     exr.write(tmp_path / "e.exr", np.ones((6, 6, 3), np.float32))
     with pytest.warns(UserWarning, match=r"e\.exr: image: expected one twice as wide as high, found 6 x 6"):
         assert clshade.load_environment(tmp_path / "e.exr").image.shape == (6, 6, 3)
@@ -161,12 +104,14 @@ def test_other_files_are_refused(tmp_path):
     (tmp_path / "a.txt").write_text("no image")
     exr.write(tmp_path / "z.exr", {"Z": np.ones((2, 2), np.float32)})
     os.mkfifo(tmp_path / "pipe.hdr")
-    for name, field in (("a.txt", "file"), ("z.exr", "channels"), ("none.exr", "file"), ("pipe.hdr", "file")):
-        with pytest.raises(InputError, match=f"{name}: {field}: expected "):
+    for name, message in {
+        "a.txt": "file: expected ",
+        "z.exr": "channels: expected ",
+        "none.exr": "file: expected an existing file, found no such file",
+        "pipe.hdr": "file: expected a regular file, found a device",
+    }.items():
+        with pytest.raises(InputError, match=f"{name}: {message}"):
             clshade.load_environment(tmp_path / name)
-
-
-# The light that is made of them
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 7), (40, 90)])
@@ -215,6 +160,7 @@ def test_octahedral_maps_are_continuous_beyond_their_edges():
     for side in (16, 64):
         d = texel_directions(side)
         np.testing.assert_array_equal(texel_indices(d, side).reshape(-1), np.arange(side * side))
+        np.testing.assert_allclose(bilinear(d, d), d, atol=1e-12)
         wide = with_border(d, 5)
         assert max(np.abs(np.diff(wide, axis=axis)).max() for axis in (0, 1)) < 4.0 / side
 
@@ -243,19 +189,3 @@ def test_the_split_sum_of_a_mirror_and_of_schlick():
     table = brdf_table()
     assert (table >= 0).all()
     assert (table[..., 0] + table[..., 1] <= 1 + 2e-3).all()
-
-
-def test_light_is_computed_once_per_environment():
-    environment = Environment(np.ones((2, 4, 3)))
-    assert image_light(environment) is image_light(environment)
-    assert image_light(clshade.studio()) is image_light(clshade.studio())
-
-
-def test_the_studio_is_neutral_and_brighter_above():
-    environment = clshade.studio()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        mean = moments(environment)[0] / (4 * np.pi)
-    np.testing.assert_allclose(mean, mean.mean(), rtol=0.02)
-    above, below = (irradiance(environment, np.array([0.0, y, 0.0])).mean() for y in (1.0, -1.0))
-    assert 1.2 > above > 2 * below > 0.0

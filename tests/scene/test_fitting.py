@@ -13,7 +13,7 @@ from clshade import Camera, Mesh, Scene
 from clshade.errors import InputError
 from clshade.farm import orbit, parse_frames
 from clshade.scene.adjust_camera import adjusted, camera_of, refitted
-from clshade.scene.framing import FILL, default_camera, fitted, framed
+from clshade.scene.framing import FILL, default_camera, fitted
 from clshade.scene.geometry import camera_axes
 from clshade.scene.ground import with_ground
 
@@ -44,10 +44,8 @@ def test_the_vertices_fill_the_image_and_are_centered(resolution, orthographic):
         low, high = seen(view)
         assert high.max() == pytest.approx(FILL, rel=1e-9)
         assert low == pytest.approx(-high, abs=0.01)
-        before, after = camera_axes(camera), camera_axes(view)
-        assert np.allclose(before, after, atol=1e-12)
+        assert np.allclose(camera_axes(camera), camera_axes(view), atol=1e-12)
         assert view.orthographic is orthographic
-        assert np.allclose(view.lookat, view.eye + after[2] * np.linalg.norm(view.lookat - view.eye))
 
 
 def test_every_instance_counts_and_no_vertex_without_a_face():
@@ -56,8 +54,7 @@ def test_every_instance_counts_and_no_vertex_without_a_face():
     stray = Mesh(np.vstack([VERTS, [[9.0, 9.0, -9.0]]]), FACES, instances=placements)
     meshes = (stray, Mesh(VERTS - 30.0, FACES))
     low, high = seen(fitted(SKEW, meshes), meshes)
-    assert high.max() == pytest.approx(FILL, rel=1e-9)
-    assert low == pytest.approx(-high, abs=0.01)
+    assert (high.max(), *low) == pytest.approx((FILL, *-high), abs=0.01)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
@@ -95,13 +92,15 @@ def test_points_lines_and_triangles(verts):
         assert np.abs(seen(view, (mesh,))).max() < FILL * (1.0 + 1e-6)
 
 
-def test_what_overflows_is_refused_and_an_empty_scene_is_not():
+def test_what_overflows_is_refused_and_a_scene_without_extent_is_not():
     with pytest.raises(InputError, match="Camera: eye"):
         fitted(adjusted(SKEW, view_angle=1.0), (Mesh([(1e308, 0, 0), (-1e308, 0, 0), (0, 1e308, 0)], [(0, 1, 2)]),))
     large = np.diag((10.0, 10.0, 10.0, 1.0))
     with pytest.raises(InputError, match="overflow"):
         fitted(SKEW, (Mesh([(1e308, 0, 0), (0, 0, 0), (0, 1, 0)], [(0, 1, 2)], instances=[large]),))
     assert np.isfinite(fitted(SKEW, ()).eye).all()
+    for meshes in ((), Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)), Mesh(np.ones((3, 3)), [[0, 1, 2]])):
+        assert np.isfinite(Scene(meshes).camera.eye).all()
 
 
 def test_a_fitted_camera_is_fitted_again_unless_it_is_placed():
@@ -118,11 +117,7 @@ def test_a_fitted_camera_is_fitted_again_unless_it_is_placed():
     assert camera_of(scene, both, fit=True).eye.tolist() == [0.0, 0.0, 50.0]
     fixed = replace(scene, fitted=False)
     assert camera_of(fixed, {"azimuth": 70.0}).eye == pytest.approx(adjusted(fixed.camera, azimuth=70.0).eye)
-
-
-def test_fitted_again_what_was_up_stays_up_and_a_ground_is_left_out():
-    camera = replace(SKEW, up=(0.1, -0.2, -1.0))
-    scene = refitted(Scene((MESH,), camera), (70, 50))
+    scene = refitted(Scene((MESH,), replace(SKEW, up=(0.1, -0.2, -1.0))), (70, 50))  # what was up stays up
     assert (scene.camera.up.tolist(), scene.camera.resolution) == ([0.0, 0.0, -1.0], (70, 50))
     assert refitted(with_ground(scene)).camera.eye.tolist() == scene.camera.eye.tolist()
 
@@ -139,20 +134,12 @@ def test_fit_ignores_the_camera_of_a_file(tmp_path):
     assert seen(scene.camera, scene.meshes)[1].max() == pytest.approx(FILL, rel=1e-6)
 
 
-@pytest.mark.parametrize("resolution", [(431, 977), (1131, 860)], ids=str)
-def test_default_lights_do_not_depend_on_the_resolution(resolution):
-    mesh = Mesh(np.array([[0.1, 0.2, 0.3], [1.7, 0.4, 0.9], [0.6, 2.1, 0.2]]), np.array([[0, 1, 2]]))
-    lights = [framed((mesh,), "", size).lights for size in (None, resolution)]
-    for one, second in zip(*lights, strict=True):
-        np.testing.assert_array_equal(one.position, second.position)
-
-
 def same_camera(one, second):
     fields = [[getattr(camera, name) for name in vars(camera)] for camera in (one, second)]
     return all(map(np.array_equal, *fields))
 
 
-def test_scenes_without_a_camera_get_the_one_of_files(tmp_path):
+def test_scenes_without_a_camera_get_the_one_of_files():
     teapot = clshade.builtin("teapot").meshes
     scene = Scene(teapot)
     assert scene.fitted
@@ -160,16 +147,3 @@ def test_scenes_without_a_camera_get_the_one_of_files(tmp_path):
     assert Scene(teapot, scene.camera).fitted is False
     assert same_camera(Scene(teapot, None).camera, scene.camera)
     assert replace(scene, name="a").fitted
-    scene.to_json(tmp_path / "a.json")
-    loaded = clshade.load(tmp_path / "a.json")
-    assert loaded.fitted
-    assert same_camera(loaded.camera, scene.camera)
-    scene.to_glb(tmp_path / "a.glb")
-    np.testing.assert_allclose(clshade.load(tmp_path / "a.glb").camera.eye, scene.camera.eye, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "meshes", [(), Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)), Mesh(np.ones((3, 3)), [[0, 1, 2]])]
-)
-def test_scenes_without_extent_have_a_camera_too(meshes):
-    assert np.isfinite(Scene(meshes).camera.eye).all()

@@ -8,15 +8,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mesh_writers import Gltf, textured
 from PIL import Image
 
 import clshade
 from clshade.errors import InputError
 from clshade.images.decode import srgb_to_linear
+from clshade.images.tonemap import srgb_curve
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
-from clshade.scene.model import Mesh, Scene
+from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 
 RNG = np.random.default_rng(3)
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
@@ -43,14 +43,10 @@ def test_a_mesh(trimesh):
     scene = Scene.from_trimesh(plain(trimesh, metadata={"name": "roof"}), resolution=(64, 48), up="z")
     (mesh,) = scene.meshes
     assert (scene.preset, scene.name, mesh.name, scene.fitted) == ("standard", "roof", "roof", True)
-    assert scene.camera.resolution == (64, 48)
-    assert scene.camera.up.tolist() == [0, 0, 1]
+    assert (scene.camera.resolution, scene.camera.up.tolist()) == ((64, 48), [0, 0, 1])
     assert (mesh.verts.tolist(), mesh.faces.tolist()) == (CORNERS.tolist(), FACES.tolist())
-    assert mesh.colors is None
-    assert mesh.material.two_sided
-
-
-def test_normals_are_those_of_the_mesh_unless_creases_are_asked_for(trimesh):
+    assert (mesh.colors, mesh.material.two_sided) == (None, True)
+    assert only(Mesh(CORNERS, FACES)).verts.tolist() == CORNERS.tolist()  # this package's own, too
     normals = RNG.normal(size=(4, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     source = plain(trimesh, vertex_normals=normals)
@@ -78,16 +74,7 @@ def test_colors_of_faces(trimesh):
     np.testing.assert_allclose(mesh.colors[mesh.faces], expected, atol=1e-12)
     np.testing.assert_allclose(mesh.normals[mesh.normal_faces], source.vertex_normals[FACES], atol=1e-12)
     source.vertex_attributes["heat"] = np.arange(4.0)
-    mesh = only(source)
-    assert mesh.scalars["heat"][mesh.faces].tolist() == FACES.tolist()
-
-
-def test_a_camera_without_a_place_is_none(trimesh):
-    """As trimesh leaves it where a camera is set and its transform is not."""
-    source = trimesh.Scene(plain(trimesh))
-    source.camera = trimesh.scene.Camera(resolution=(8, 6), fov=(40, 30))
-    scene = Scene.from_trimesh(source)
-    assert (scene.fitted, scene.camera.resolution) == (True, (800, 600))
+    assert only(source).scalars["heat"][mesh.faces].tolist() == FACES.tolist()
 
 
 def test_a_simple_material(trimesh):
@@ -108,24 +95,21 @@ def test_a_simple_material(trimesh):
 
 
 def test_a_pbr_material(trimesh):
-    pictures = {
-        name: RNG.integers(0, 256, (2, 3, 3)).astype(np.uint8) for name in ("base", "worn", "bumps", "ao", "glow")
-    }
+    names = ("base", "worn", "bumps", "ao", "glow")
+    pictures = {name: RNG.integers(0, 255, (2, 3, 4 if name == "base" else 3)).astype(np.uint8) for name in names}
     images = {name: Image.fromarray(codes) for name, codes in pictures.items()}
-    material = trimesh.visual.material.PBRMaterial(
-        name="paint",
-        baseColorFactor=[1.0, 0.4, 0.0, 0.2],
-        metallicFactor=0.25,
-        roughnessFactor=0.5,
-        emissiveFactor=[0.5, 0.25, 1.0],
-        baseColorTexture=images["base"],
-        metallicRoughnessTexture=images["worn"],
-        normalTexture=images["bumps"],
-        occlusionTexture=images["ao"],
-        emissiveTexture=images["glow"],
-        alphaMode="BLEND",
-    )
-    scene = Scene.from_trimesh(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material)))
+    fields = {
+        **{"name": "paint", "baseColorFactor": [1.0, 0.4, 0.0, 0.2], "metallicFactor": 0.25, "roughnessFactor": 0.5},
+        **{"emissiveFactor": [0.5, 0.25, 1.0], "baseColorTexture": images["base"]},
+        **{"metallicRoughnessTexture": images["worn"], "normalTexture": images["bumps"]},
+        **{"occlusionTexture": images["ao"], "emissiveTexture": images["glow"]},
+    }
+
+    def drawn(**changes):
+        material = trimesh.visual.material.PBRMaterial(**fields, **changes)
+        return Scene.from_trimesh(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material)))
+
+    scene = drawn(alphaMode="BLEND")
     ours, facets = scene.meshes[0].material, scene.meshes[0].material.pbr
     assert scene.preset == "pbr"
     np.testing.assert_allclose(ours.color, [1.0, 0.4, 0.0])
@@ -139,18 +123,11 @@ def test_a_pbr_material(trimesh):
         (facets.emission_texture, "glow", True),
     ):
         values = pictures[name] / 255.0
-        expected = (srgb_to_linear(values) if srgb else values).astype(np.float32)
-        assert texture.image.tobytes() == expected.tobytes(), name
-
-
-def test_alpha_modes_and_images_with_alpha(trimesh):
-    codes = RNG.integers(0, 255, (2, 3, 4)).astype(np.uint8)
-    material = trimesh.visual.material.PBRMaterial(
-        baseColorTexture=Image.fromarray(codes), alphaMode="MASK", alphaCutoff=0.25
-    )
-    ours = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material))).material
-    assert (ours.alpha_cutoff, ours.blend) == (0.25, False)
-    np.testing.assert_allclose(ours.texture.image[..., 3], codes[..., 3] / 255.0, atol=1e-7)
+        expected = (srgb_to_linear(values[..., :3]) if srgb else values).astype(np.float32)
+        assert texture.image[..., :3].tobytes() == expected.tobytes(), name
+    np.testing.assert_allclose(ours.texture.image[..., 3], pictures["base"][..., 3] / 255.0, atol=1e-7)
+    (mesh,) = drawn(alphaMode="MASK", alphaCutoff=0.25).meshes
+    assert (mesh.material.alpha_cutoff, mesh.material.blend) == (0.25, False)
 
 
 def test_a_scene_with_instances_and_a_camera(trimesh):
@@ -168,6 +145,9 @@ def test_a_scene_with_instances_and_a_camera(trimesh):
     assert mesh.instance_names == ("one", "two")
     assert scene.fitted
     source.delete_geometry("curve")
+    source.camera = trimesh.scene.Camera(resolution=(8, 6), fov=(40, 30))
+    scene = Scene.from_trimesh(source)  # without a transform, trimesh leaves it without a place
+    assert (scene.fitted, scene.camera.resolution) == (True, (800, 600))
     source.camera.resolution, source.camera.fov = (200, 100), (90.0, 60.0)
     pose = np.eye(4)
     pose[:3, 3] = 0.5, 0.25, 7
@@ -182,27 +162,26 @@ def test_a_scene_with_instances_and_a_camera(trimesh):
 
 
 def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
-    document = Gltf()
-    textured(document, RNG.integers(0, 256, (4, 5, 3)).astype(np.uint8), {})
-    document.add("nodes", {"mesh": 0, "translation": [1, 2, 3]})
-    document.add("scenes", {"nodes": [0]})
-    path = document.glb(tmp_path / "a.glb")
-    (ours,), (expected,) = Scene.from_trimesh(trimesh.load(path)).meshes, clshade.load(path).meshes
-    np.testing.assert_array_equal(ours.instances, expected.instances)
-    np.testing.assert_array_equal(ours.verts[ours.faces], expected.verts[expected.faces])
-    np.testing.assert_allclose(ours.uvs[ours.faces], expected.uvs[expected.faces], atol=1e-7)
-    assert ours.material.texture.image.tobytes() == expected.material.texture.image.tobytes()
-    for name in ("metallic", "roughness"):
-        assert getattr(ours.material.pbr, name) == getattr(expected.material.pbr, name)
-
-
-def test_colors_and_scalars_of_a_glb_come_through_trimesh(trimesh, tmp_path):
-    colors = RNG.random((4, 3)).astype(np.float32)
-    mesh = Mesh(CORNERS, FACES, colors, scalars={"height": CORNERS[:, 2]})
-    Scene(mesh, Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))).to_glb(tmp_path / "a.glb")
-    ours = only(trimesh.load(tmp_path / "a.glb"))
-    np.testing.assert_array_equal(ours.colors, colors)
-    assert ours.scalars["height"].tolist() == CORNERS[:, 2].tolist()
+    texture = Texture(RNG.integers(0, 256, (4, 5, 3)) / 255)
+    textured = Mesh(
+        CORNERS, FACES, uvs=UVS, material=Material(texture=texture, pbr=MetallicRoughness(0.25, 0.5)), name="textured"
+    )
+    placed = np.eye(4)[None] + np.array([[0, 0, 0, 1], [0, 0, 0, 2], [0, 0, 0, 3], [0, 0, 0, 0]])
+    colors, heights = RNG.random((4, 3)).astype(np.float32), {"height": CORNERS[:, 2]}
+    colored = Mesh(CORNERS, FACES, colors, scalars=heights, instances=placed, name="colored")
+    Scene((textured, colored), Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))).to_glb(tmp_path / "a.glb")
+    copies = sorted(Scene.from_trimesh(trimesh.load(tmp_path / "a.glb")).meshes, key=lambda mesh: mesh.name)
+    for ours, expected in zip(copies, clshade.load(tmp_path / "a.glb").meshes[::-1], strict=True):
+        np.testing.assert_array_equal(ours.instances, expected.instances)
+        np.testing.assert_array_equal(ours.verts[ours.faces], expected.verts[expected.faces])
+        assert (ours.colors is None) == (expected.colors is None)
+    second, one = copies
+    np.testing.assert_allclose(one.uvs[one.faces], UVS[FACES], atol=1e-7)
+    codes = np.rint(srgb_curve(texture.image) * 255)
+    assert np.array_equal(np.rint(srgb_curve(one.material.texture.image) * 255), codes)
+    assert (one.material.pbr.metallic, one.material.pbr.roughness) == (0.25, 0.5)
+    np.testing.assert_array_equal(second.colors, colors)
+    assert second.scalars["height"].tolist() == CORNERS[:, 2].tolist()
 
 
 # Objects known by their attributes
@@ -248,28 +227,20 @@ def test_pyvista():
 # Refused
 
 
-@pytest.mark.parametrize("source", [None, "teapot.obj", 3, CORNERS, Mesh(CORNERS, FACES).material])
-def test_other_objects_are_refused(source):
-    with pytest.raises(InputError, match=r"^from_trimesh: source: expected a Trimesh or Scene of trimesh, .*, found "):
-        Scene.from_trimesh(source)
-
-
-def test_a_mesh_of_this_package_is_taken_too():
-    mesh = Mesh(CORNERS, FACES)
-    assert only(mesh).verts.tolist() == CORNERS.tolist()
-
-
-def test_refused_arguments(trimesh):
-    source = plain(trimesh)
-    for options, name in (({"up": "w"}, "up"), ({"crease": 200}, "crease"), ({"resolution": (0, 1)}, "resolution N")):
-        with pytest.raises(InputError, match=f"^from_trimesh: {name}: expected "):
-            Scene.from_trimesh(source, **options)
-    for empty in (trimesh.Trimesh(), trimesh.Scene()):
-        with pytest.raises(InputError, match=r"^from_trimesh: source: expected at least one triangle"):
-            Scene.from_trimesh(empty)
+def test_refused(trimesh):
     several = trimesh.visual.material.MultiMaterial()
-    with pytest.raises(InputError, match="one material for each mesh"):
-        Scene.from_trimesh(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=several)))
+    several = plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=several))
+    for source, options, message in (
+        *((source, {}, "source: expected a Trimesh or Scene of trimesh") for source in (None, "teapot.obj", CORNERS)),
+        (plain(trimesh), {"up": "w"}, "up: expected "),
+        (plain(trimesh), {"crease": 200}, "crease: expected "),
+        (plain(trimesh), {"resolution": (0, 1)}, "resolution N: expected "),
+        (trimesh.Trimesh(), {}, "source: expected at least one triangle"),
+        (trimesh.Scene(), {}, "source: expected at least one triangle"),
+        (several, {}, ".*one material for each mesh"),
+    ):
+        with pytest.raises(InputError, match=f"^from_trimesh: {message}"):
+            Scene.from_trimesh(source, **options)
 
 
 def test_no_other_library_is_imported():
@@ -295,8 +266,7 @@ def test_vertices_is_another_name_of_verts():
         mesh.verts = CORNERS
     with pytest.raises(AttributeError):
         mesh.vertices = CORNERS
-    for arguments in ((CORNERS, FACES), ()):
-        fields = {} if arguments else {"verts": CORNERS, "faces": FACES}
+    for arguments, fields in (((CORNERS, FACES), {}), ((), {"verts": CORNERS, "faces": FACES})):
         with pytest.raises(InputError, match=r"^Mesh: vertices: cannot go with verts, which is the same"):
             Mesh(*arguments, vertices=CORNERS, **fields)
     with pytest.raises(TypeError, match="verts"):

@@ -35,8 +35,6 @@ def test_it_lies_below_the_lowest_point_and_faces_up(up):
     assert ground.verts.dtype == np.float32  # as the scene's
     assert objects_of(scene).meshes == SCENE.meshes
     assert len(with_ground(scene, up).meshes) == len(scene.meshes)
-    with pytest.raises(InputError, match="with_ground: up: expected one of"):
-        with_ground(SCENE, "up")
 
 
 def test_cameras_and_views_leave_it_out():
@@ -44,26 +42,23 @@ def test_cameras_and_views_leave_it_out():
     for name, camera in named_cameras(SCENE, ("front", "iso")).items():
         with_it = named_cameras(scene, ("front", "iso"))[name]
         assert with_it.plane == camera.plane
-        assert [light.position.tolist() for light in seen_by(scene, with_it).lights] == [
-            light.position.tolist() for light in seen_by(SCENE, camera).lights
-        ]
+        for one, second in zip(seen_by(scene, with_it).lights, seen_by(SCENE, camera).lights, strict=True):
+            assert one.position.tolist() == second.position.tolist()
     turned = {"azimuth": 30.0}
     assert camera_of(scene, turned).eye.tolist() == camera_of(SCENE, turned).eye.tolist()
 
 
 @pytest.mark.parametrize(
-    ("background", "settings"),
+    ("background", "settings", "lights"),
     [
-        (0.05, Settings()),
-        ((0.3, 0.6, 0.9), Settings(ambient="plain")),
-        (1.0, Settings()),
-        (0.5, Settings(shader="nolight", background="white")),
-        (0.05, Settings.from_preset("pbr")),  # the studio in place of the lights
-        ((0.3, 0.6, 0.9), Settings.from_preset("pbr")),
+        ((0.3, 0.6, 0.9), Settings(ambient="plain"), SCENE.lights),
+        (0.5, Settings(), clshade.DirectionalLight((0.3, -1.0, 0.2))),
+        (0.5, Settings(shader="nolight", background="white"), SCENE.lights),
+        (0.05, Settings.from_preset("pbr"), SCENE.lights),  # the studio in place of the lights
     ],
 )
-def test_its_edge_has_the_color_of_the_background(background, settings):
-    scene = with_ground(replace(SCENE, background=background), settings=settings)
+def test_its_edge_has_the_color_of_the_background(background, settings, lights):
+    scene = with_ground(replace(SCENE, background=background, lights=lights), settings=settings)
     above = clshade.Camera((0, 30, 0), (0, 0, 0), (0, 0, 1), 1.0, (32.0, 32.0), (160, 160), orthographic=True)
     place = (np.arange(160) + 0.5) / 5.0 - 16.0
     from_middle = np.hypot(place, place[:, None])
@@ -84,8 +79,6 @@ def test_unlit_materials_leave_it_the_studio_alone():
         for meshes in ((*SCENE.meshes, unlit), SCENE.meshes)
     )
     assert np.array_equal(beside, alone)
-    with pytest.raises(InputError, match="with_ground: settings: expected a Settings"):
-        with_ground(SCENE, settings="pbr")
 
 
 def test_the_command_line(capsys):
@@ -109,9 +102,6 @@ def test_scenes_without_lights_or_faces_and_of_any_size():
         colors = with_ground(scene).meshes[-1].colors
         assert np.isfinite(colors).all()
         assert (colors >= 0.0).all()
-    for scale in (1e-30, 1e30):
-        meshes = [replace(mesh, verts=mesh.verts.astype(float) * scale) for mesh in SCENE.meshes]
-        assert np.isfinite(with_ground(framed(meshes, "a")).meshes[-1].verts).all()
     huge = [replace(mesh, verts=mesh.verts.astype(float) * 1e308) for mesh in SCENE.meshes]
     with pytest.raises(InputError):
         with_ground(replace(SCENE, meshes=huge))

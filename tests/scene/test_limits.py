@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import os
 import struct
-import zlib
 from functools import partial
 
-import numpy as np
 import pytest
 from mesh_writers import pack_glb, ply, triangle
-from scene_files import npy_of_pickle, refusal, scene_and_warnings
+from scene_files import npy_of_pickle, refusal
 
 from clshade import load
 from clshade.base import input_files
@@ -43,26 +41,6 @@ def test_sizes_of_files(tmp_path, monkeypatch, name):
         os.truncate(path, size)
         with pytest.raises(InputError, match=part):
             read()
-
-
-def png_header(columns: int, rows: int) -> bytes:
-    """Return a gray PNG without its pixels."""
-    head = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0)
-    chunks = (head, b"IDAT" + zlib.compress(b""), b"IEND")
-    parts = (struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks)
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
-
-
-@pytest.mark.parametrize(
-    ("size", "good"),
-    [((8192, 8192), True), ((8193, 8192), False), ((8192, 8193), False)]
-    + [((32768, 1), True), ((32769, 1), False), ((1, 32768), True), ((1, 32769), False), ((32768, 2049), False)],
-)
-def test_pixels_of_images(tmp_path, size, good):
-    (tmp_path / "a.png").write_bytes(png_header(*size))
-    with pytest.raises(InputError) as caught:
-        read_image(tmp_path / "a.png", srgb=True)
-    assert ("at most 32768 pixels a side and 67108864 in all" in str(caught.value)) == (not good)
 
 
 def test_rows_of_gltf_accessors():
@@ -115,17 +93,6 @@ def test_headers_and_lists_of_ply_files(tmp_path):
     refusal(written(1, room + 1), "header: expected end_header in the first 65536 bytes")
 
 
-def test_facets_of_stl_files(tmp_path):
-    """As many as the header says: no byte less, and those that are more are left out."""
-    path = tmp_path / "a.stl"
-    path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(49))
-    refusal(path, "facet count: expected 134 bytes for its 1 facets, or ", "found 133 bytes")
-    for more in (0, 1):
-        path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(50 + more))
-        scene, messages = scene_and_warnings(path)
-        assert (scene.face_count, len(messages)) == (1, more)
-
-
 def test_headers_of_course_files(tmp_path):
     """At most 4096 bytes."""
     path = tmp_path / "a.npy"
@@ -136,16 +103,8 @@ def test_headers_of_course_files(tmp_path):
         refusal(path, part)
 
 
-@pytest.mark.long
-def test_depth_and_parts_of_a_course_files_lists():
-    def value(lists, size=1 << 24):
-        return safe_pickle.Content({"n": lists}, "a.npy", size).value("n")
-
-    good = [[[1.0, 2.0]]]
-    assert value(good).shape == (1, 1, 2)
-    with pytest.raises(InputError, match="nested too deep"):
-        value([good])
-    longest = np.zeros((1 << 20) - 1).tolist()  # the list itself counts as one
-    assert value(longest).shape == ((1 << 20) - 1,)
+def test_numbers_in_lists_of_course_files(monkeypatch):
+    monkeypatch.setattr(safe_pickle, "MAX_LISTED", 8)
+    assert safe_pickle.Content({"n": [1.0] * 7}, "a.npy", 100).value("n").shape == (7,)  # the list itself counts as one
     with pytest.raises(InputError, match="too long"):
-        value([*longest, 1.0])
+        safe_pickle.Content({"n": [1.0] * 8}, "a.npy", 100).value("n")

@@ -9,7 +9,6 @@ import pytest
 
 import clshade
 from clshade import Camera, Material, Mesh, Scene, Texture, with_look
-from clshade.errors import InputError
 from clshade.scene.framing import UPS
 from clshade.scene.ground import MATERIAL
 from clshade.scene.look import BACKGROUND
@@ -45,18 +44,6 @@ def open_at(scene: Scene, place: tuple[float, float, float]) -> float:
     return float(image[row, column])
 
 
-def test_other_looks():
-    scene = scene_of(FOOT)
-    assert with_look(scene, "plain") is scene
-    assert with_look(scene, "course").preset == "course"
-    with pytest.raises(InputError, match=r"look: expected .*studio.*, found 'stage'"):
-        with_look(scene, "stage")
-    with pytest.raises(InputError, match="scene: expected a Scene"):
-        with_look(3, "studio")
-    with pytest.raises(InputError, match="up: expected"):
-        with_look(scene, "studio", up="w")
-
-
 def test_the_studio_without_a_shadow():
     scene = with_look(scene_of(FOOT), "studio", ground=False)
     assert (scene.preset, scene.environment.name, scene.own_lights) == ("pbr", "studio", False)
@@ -64,6 +51,8 @@ def test_the_studio_without_a_shadow():
     assert len(scene.meshes) == 1
     ground = with_look(scene, "studio", contact_shadow=False).meshes[-1]
     assert (ground.material.name, ground.material.texture) == (MATERIAL.name, None)
+    empty = Scene((Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)),), CAMERA)
+    assert with_look(empty, "studio").meshes[-1].material.texture is None
     environment = clshade.Environment(np.ones((2, 4, 3)))
     scene = Scene((FOOT,), CAMERA, environment=environment)
     assert with_look(scene, "studio", ground=False).environment is environment
@@ -88,12 +77,6 @@ def test_a_shadow_lies_below_what_casts_it(up):
     shares = [open_at(studio, turn @ place) for place in ((0.9, 0, 0.5), (-0.9, 0, 0.5), (0.9, 0, -0.5), (0.5, 0, 0.9))]
     assert shares[0] < 0.2
     assert min(shares[1:]) > 0.6
-
-
-def test_the_picture_agrees_with_the_oracle(opened):
-    studio = with_look(scene_of(FOOT, disc((0, 0), 0.4, 1.0)), "studio")
-    frame = clshade.render(studio, device=opened.name, samples=1)
-    assert clshade.check(frame, pixels="all").passed
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1.0, 1e6), (1e-20, 0.0), (1e20, 1e25)])
@@ -141,22 +124,10 @@ def test_what_lets_light_pass_darkens_the_ground_by_its_alpha(fields, alpha):
 
 def test_two_sheets_of_glass_hold_back_as_their_product():
     glass = {"material": Material(blend=True, opacity=0.5)}
-    above = [(x, 0.4, z) for x, _, z in WIDE]
-    one, two = (
-        with_look(scene_of(FOOT, *sheets), "studio")
-        for sheets in ([sheet(WIDE, **glass)], [sheet(WIDE, **glass), sheet(above, **glass)])
-    )
-    assert open_at(one, (0.0, 0.0, 0.0)) == pytest.approx(0.5, abs=0.03)
-    assert open_at(two, (0.0, 0.0, 0.0)) == pytest.approx(0.28, abs=0.04)
-
-
-def test_slivers_cast_what_they_cover():
-    x = np.linspace(-1.0, 1.0, 2001)
-    verts = np.concatenate([np.stack([x, np.full(2001, 0.2), np.full(2001, z)], axis=1) for z in (-1.0, 1.0)])
-    i = np.arange(2000)
-    faces = np.concatenate([np.stack([i, i + 1, i + 2001], axis=1), np.stack([i + 1, i + 2002, i + 2001], axis=1)])
-    images = [shadow_of(FOOT, mesh) for mesh in (sheet(WIDE), Mesh(verts, faces))]
-    assert abs(images[0] - images[1]).max() < 0.02
+    sheets = [sheet(WIDE, **glass), sheet([(x, 0.4, z) for x, _, z in WIDE], **glass)]
+    for count, expected in ((1, 0.5), (2, 0.28)):
+        studio = with_look(scene_of(FOOT, *sheets[:count]), "studio")
+        assert open_at(studio, (0.0, 0.0, 0.0)) == pytest.approx(expected, abs=0.04)
 
 
 def shadow_of(*meshes: Mesh) -> np.ndarray:
@@ -181,8 +152,3 @@ def test_texture_coordinates_without_a_meaning_do_no_harm(u):
     material = Material(texture=Texture(HALF, wrap="mirror"), blend=True)
     image = shadow_of(FOOT, sheet(WIDE, uvs=[(0.0, 0.0), (u, 0.0), (-u, 1.0), (0.0, 1.0)], material=material))
     assert ((image >= 0.0) & (image <= 1.0)).all()
-
-
-def test_nothing_casts_nothing():
-    empty = Scene((Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)),), CAMERA)
-    assert with_look(empty, "studio").meshes[-1].material.texture is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mesh_writers import ply, stl, stl_text
 from PIL import Image
-from scene_files import refusal, scene_and_warnings, write
+from scene_files import scene_and_warnings, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
@@ -22,12 +22,18 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
 VERTS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5]]
 POINTS = [("3f", row) for row in VERTS]
 HEAD = f"comment x\nelement vertex 4\n{XYZ}"
+NORMALS = "".join(f"property float n{axis}\n" for axis in "xyz")
 FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_polygons_become_fans(tmp_path, form):
-    for lists in ([[0, 1, 2], [1, 3, 2]], [[0, 1, 3, 2]], [[0, 1, 2], [0, 1, 3, 2], [3, 2, 1]]):
+    for lists in (
+        [[0, 1, 2], [1, 3, 2]],
+        [[0, 1, 3, 2]],
+        [[0, 1, 2], [0, 1, 3, 2], [3, 2, 1]],
+        [[2, 3, 1], [2, 3, 1, 0]],
+    ):
         rows = POINTS + [(f"B{len(row)}i", [len(row), *row]) for row in lists]
         path = write(tmp_path / "a.ply", ply(form, HEAD + FACES.format(len(lists)), rows))
         scene, messages = scene_and_warnings(path)
@@ -39,7 +45,7 @@ def test_polygons_become_fans(tmp_path, form):
         assert mesh.normals is None
 
 
-@pytest.mark.parametrize("corners", [3, 10, 13])
+@pytest.mark.parametrize("corners", [3, 10])
 @pytest.mark.parametrize("form", FORMS)
 def test_faces_may_stand_before_vertices(tmp_path, form, corners):
     """The header's last byte, before the first length, is 10 as well."""
@@ -53,21 +59,15 @@ def test_faces_may_stand_before_vertices(tmp_path, form, corners):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_strips_are_decoded(tmp_path, form):
+def test_strips_colors_normals_and_coordinates(tmp_path, form):
     strip = [0, 1, 2, 3, -1, 3, 2, -1, 2, 1, 0]
-    header = HEAD + "element tristrips 2\nproperty list int int vertex_indices\n"
-    rows = [*POINTS, (f"{len(strip) + 1}i", [len(strip), *strip]), ("4i", [3, 1, 2, 3])]
-    (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
-    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 1, 0], [1, 2, 3]]
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_colors_normals_and_coordinates(tmp_path, form):
-    more = "property float nx\nproperty float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\n"
-    header = HEAD + more + "property uchar blue\nproperty float s\nproperty float t\n" + FACES.format(1)
-    rows = [("6f3B2f", [*row, 0.0, 0.0, 2.0, 255, 0, 128, 0.25, 0.75]) for row in VERTS] + [("B3i", [3, 0, 1, 2])]
+    header = HEAD + NORMALS + "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    header += "property float s\nproperty float t\nelement tristrips 2\nproperty list int int vertex_indices\n"
+    rows = [("6f3B2f", [*row, 0.0, 0.0, 2.0, 255, 0, 128, 0.25, 0.75]) for row in VERTS]
+    rows += [(f"{len(strip) + 1}i", [len(strip), *strip]), ("4i", [3, 1, 2, 3])]
     path = write(tmp_path / "a.ply", ply(form, header, rows))
     (mesh,) = load(path).meshes
+    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 0, 1], [1, 3, 2]]
     np.testing.assert_allclose(mesh.colors[0], srgb_to_linear(np.array([255, 0, 128]) / 255), rtol=1e-6)
     assert mesh.normals.tolist() == [[0, 0, 2]] * 4
     assert mesh.uvs.tolist() == [[0.25, 0.25]] * 4  # v = 0 is the bottom in the file
@@ -75,38 +75,30 @@ def test_colors_normals_and_coordinates(tmp_path, form):
     assert load(path, texture=np.ones((2, 2, 3))).meshes[0].material.texture.image.shape == (2, 2, 3)
 
 
+DART = [[0.0, 4.0, 0.0], [0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [2.0, 1.0, 0.0]]
+
+
 @pytest.mark.parametrize("form", FORMS)
-def test_coordinates_of_corners_and_a_texture(tmp_path, form):
-    header = "comment TextureFile my image.png\n" + HEAD + FACES.format(2) + "property list uchar float texcoord\n"
-    uvs = [[0.0, 0.0, 1.0, 0.0, 0.0, 1.0], [0.5, 0.5, 1.0, 1.0, 0.25, 1.0, 0.0, 0.0]]
-    faces = [[0, 1, 2], [0, 1, 3, 2]]
-    rows = [*POINTS]
-    for face, uv in zip(faces, uvs, strict=True):
-        rows.append((f"B{len(face)}iB{len(uv)}f", [len(face), *face, len(uv), *uv]))
-    path = write(tmp_path / "a.ply", ply(form, header, rows))
+def test_corners_keep_their_coordinates_and_faces_their_colors(tmp_path, form):
+    """However polygons are cut."""
+    header = f"comment TextureFile my image.png\nelement vertex 5\n{XYZ}{FACES.format(2)}"
+    header += "property list uchar float texcoord\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    rows = [("3f", corner) for corner in DART]
+    for face, color in (([3, 4, 0, 1, 2], 188), ([2, 1, 0], 0)):
+        uvs = [value for corner in face for value in DART[corner][:2]]
+        rows.append((f"B{len(face)}iB{len(uvs)}f3B", [len(face), *face, len(uvs), *uvs, color, 255, color]))
     Image.new("RGB", (3, 2)).save(tmp_path / "my image.png")
-    (mesh,) = load(path).meshes
-    assert mesh.material.texture.image.shape == (2, 3, 3)
-    corners = mesh.uvs[mesh.uv_faces]
-    assert corners.tolist() == [
-        [[0, 1], [1, 1], [0, 0]],
-        [[0.5, 0.5], [1, 0], [0.25, 0]],
-        [[0.5, 0.5], [0.25, 0], [0, 1]],
-    ]
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_colors_of_faces(tmp_path, form):
-    colors = "property float red\nproperty float green\nproperty float blue\n"
-    header = HEAD + FACES.format(2) + colors
-    rows = [*POINTS, ("=B3i3f", [3, 0, 1, 2, 1, 0, 0]), ("=B4i3f", [4, 0, 1, 3, 2, 0, 0.5, 0])]
-    rows = [(kind.lstrip("="), values) for kind, values in rows]
     (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
-    np.testing.assert_allclose(mesh.colors, [[1, 0, 0]] * 3 + [[0, 0.214041, 0]] * 6, atol=1e-6)
-    faces = [[0, 1, 2], [0, 1, 3], [0, 3, 2]]
-    assert mesh.verts[mesh.faces].tolist() == [[VERTS[k] for k in face] for face in faces]
-    smooth = geometry.vertex_normals(VERTS, faces)
-    np.testing.assert_allclose(mesh.normals[mesh.normal_faces], smooth[faces], atol=1e-6)
+    assert mesh.material.texture.image.shape == (2, 3, 3)
+    points, uvs = mesh.verts[mesh.faces], mesh.uvs[mesh.uv_faces]
+    areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[:, 2] / 2
+    assert (areas[:3].min() > 0, areas[:3].sum(), areas[3]) == (True, 10, -8)
+    assert np.array_equal(np.stack([uvs[:, :, 0], 1 - uvs[:, :, 1]], 2), points[:, :, :2])
+    red = np.float32(srgb_to_linear(np.array(188 / 255)))
+    assert mesh.colors[mesh.faces].tolist() == [[[red, 1, red]] * 3] * 3 + [[[0, 1, 0]] * 3]
+    faces = [[DART.index(corner) for corner in face] for face in points.tolist()]
+    smooth = geometry.vertex_normals(DART, faces)[faces]
+    np.testing.assert_allclose(mesh.normals[mesh.normal_faces], smooth, atol=1e-6)
 
 
 def test_line_ends_and_what_is_not_rendered(tmp_path, monkeypatch):
@@ -121,7 +113,6 @@ def test_line_ends_and_what_is_not_rendered(tmp_path, monkeypatch):
     assert scene.face_count == 1
 
 
-NORMALS = "".join(f"property float n{axis}\n" for axis in "xyz")
 COLORS = [("uchar", 188), ("float", 188 / 255), ("int", 188), ("float", 188.0), ("ushort", 188 * 257)]
 
 
@@ -168,67 +159,12 @@ def test_normals_and_colors_that_are_none(tmp_path, color, remark):
     assert second == ["element vertex", "nx, ny, nz: normals that are 0 or not finite were computed from the faces: 3"]
 
 
-GOOD = ply("ascii", HEAD + FACES.format(1), [*POINTS, ("B3i", [3, 0, 1, 2])]).decode()
-BINARY = ply("binary_little_endian", HEAD + FACES.format(1), [*POINTS, ("B3i", [3, 0, 1, 2])])
-
-
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("plx\n", ["magic: "]),
-        ("ply\nformat ascii 1.0\n", ["header: expected end_header"]),
-        (GOOD.replace("ascii", "zip"), ["line 2: format: expected one of ascii, binary_", "found 'zip 1.0'"]),
-        (GOOD.replace("ascii 1.0", "ascii 2.0"), ["line 2: format: ", "the version 1.0", "found 'ascii 2.0'"]),
-        (GOOD.replace("comment x", "remark x"), ["line 3: expected format, element, ", "found 'remark'"]),
-        (GOOD.replace("comment x", "property float x"), ["line 3: property: expected an element before it"]),
-        (GOOD.replace("comment x", "element x"), ["line 3: element x: expected a name and a number of rows"]),
-        (GOOD.replace("format ascii 1.0\n", ""), ["header: expected a line of format"]),
-        (GOOD.replace("vertex 4", "vertex -4"), ["line 4: element vertex: "]),
-        (GOOD.replace("vertex 4", "vertex 400000000000"), ["element vertex: expected 400000000000 rows"]),
-        (GOOD.replace("vertex 4", "vertex " + "9" * 5000), ["line 4: "]),
-        (GOOD.replace("face 1", "face 1000000"), ["element face: "]),
-        (GOOD.replace("face 1", "face 2"), ["element face: row 1: vertex_indices: ", "found the end of the file"]),
-        (GOOD.replace("float x", "half x"), ["line 5: property: expected one of the types char ", "found 'half'"]),
-        (GOOD.replace("float x", "float x y"), ["line 5: property: expected a type and a name, ", "found 'float x y'"]),
-        (GOOD.replace("float y", "float x"), ["line 6: property: expected properties of different names", "found 'x'"]),
-        (GOOD.replace("uchar int", "uchar long"), ["line 9: property: expected one of the types", "found 'long'"]),
-        (GOOD.replace("uchar int", "float int"), ["line 9: property: expected a type of whole numbers"]),
-        (GOOD.replace("float z", "float w"), ["element vertex: expected properties x, y and z, found x, y, w"]),
-        (GOOD.replace("vertex_indices", "others"), ["element face: expected a list property", "found others"]),
-        (GOOD.replace("element face", "element vertex"), ["elements of different names"]),
-        (GOOD.replace("3 0 1 2", "3 0 1 -1"), ["element face: row 0: expected indices from 0 to 3, found -1"]),
-        (GOOD.replace("3 0 1 2", "3 0 1 4"), ["element face: row 0", "found 4"]),
-        (GOOD.replace("3 0 1 2", "3 0 1 4294967298"), ["element face: row 0"]),
-        (GOOD.replace("3 0 1 2", "3 0 1 1.5"), ["element face: row 0", "1.5"]),
-        (GOOD.replace("3 0 1 2", "3 0 1 nan"), ["element face: row 0"]),
-        (GOOD.replace("3 0 1 2", "2 0 1"), ["element face: row 0: expected at least 3 corners"]),
-        (GOOD.replace("3 0 1 2", "-3 0 1 2"), ["element face: row 0: vertex_indices: "]),
-        (GOOD.replace("3 0 1 2", "3 0 1 2 9"), ["rows: "]),
-        (GOOD.replace("1.0 1.0 0.5", "1.0 nan 0.5"), ["element vertex: row 3: y: ", "nan"]),
-        (GOOD.replace("1.0 1.0 0.5", "1.0 1e999 0.5"), ["element vertex: row 3: y: ", "inf"]),
-        (GOOD.replace("1.0 1.0 0.5", "1.0 abc 0.5"), ["line 14: expected numbers, found 'abc'"]),
-        (GOOD.replace("face 1", "face 0").replace("3 0 1 2\n", ""), ["element face: expected at least one triangle"]),
-        (BINARY[:-1], ["element face: "]),
-        (BINARY[:-13], ["element face: "]),
-        (BINARY[:-20], ["element vertex: "]),
-        (BINARY[:-40], ["element vertex: "]),
-        (BINARY[:-13] + b"\xff" + BINARY[-12:], ["element face: row 0: vertex_indices: "]),
-        (BINARY.replace(b"uchar int", b"int int"), ["element face: "]),
-    ],
-)
-def test_refused_ply(tmp_path, text, parts):
-    refusal(write(tmp_path / "bad.ply", text), "bad.ply: ", *parts)
-
-
-def test_a_ragged_file_cut_anywhere_is_refused(tmp_path):
-    rows = [*POINTS, ("B3i", [3, 0, 1, 2]), ("B4i", [4, 0, 1, 3, 2])]
-    data = ply("binary_big_endian", HEAD + FACES.format(2), rows)
-    for cut in range(len(data) - 60, len(data)):
-        refusal(write(tmp_path / "bad.ply", data[:cut]), "bad.ply: element ")
-
-
 def test_both_sides_are_lit_unless_asked_otherwise(tmp_path):
-    for name, data in (("a.ply", GOOD), ("a.stl", stl(TRIANGLES)), ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")):
+    for name, data in (
+        ("a.ply", ply("ascii", HEAD + FACES.format(1), [*POINTS, ("B3i", [3, 0, 1, 2])])),
+        ("a.stl", stl(TRIANGLES)),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    ):
         path = write(tmp_path / name, data)
         for two_sided, lit in ((None, True), (True, True), (False, False)):
             assert load(path, two_sided=two_sided).meshes[0].material.two_sided is lit
@@ -236,7 +172,7 @@ def test_both_sides_are_lit_unless_asked_otherwise(tmp_path):
 
 @pytest.mark.parametrize("colored", [False, True])
 def test_faces_against_the_files_normals_are_turned(tmp_path, colored):
-    head = HEAD.replace("property float z\n", "property float z\n" + "".join(f"property float n{c}\n" for c in "xyz"))
+    head = HEAD + NORMALS
     color = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")) if colored else ""
     lists = "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
     points = [("6f", [*VERTS[k], 0.0, 0.0, 1.0]) for k in range(4)]
@@ -308,26 +244,3 @@ def test_stl_options_and_attributes(tmp_path):
     assert scene.meshes[0].faces.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert scene.meshes[0].normals.tolist() == [[0, 0, 1]] * 4
     assert scene.camera.up.tolist() == [0, 1, 0]
-    refusal(path, "a.stl: texture: ", texture=np.ones((1, 1, 3)))
-
-
-@pytest.mark.parametrize(
-    ("data", "parts"),
-    [
-        (stl(TRIANGLES)[:-1], ["facet count: expected 434 bytes for its 7 facets, or ", "found 433 bytes"]),
-        (b"\xff" * 84, ["facet count: "]),
-        (b"short", ["facet count: "]),
-        (b"solid".ljust(34, b"\0"), ["facet count: "]),  # as long as a file of -1 facets would be
-        (stl([]), ["facet count: "]),
-        ("solid x\nendsolid x\n", ["facet count: "]),
-        (stl_text(TRIANGLES).encode("utf-16"), ["facets, or ASCII text that begins with solid"]),
-        (stl(np.where(np.arange(63).reshape(7, 3, 3) == 30, np.nan, 1)), ["facet 3: vertex 1: expected finite", "nan"]),
-        (stl_text(TRIANGLES).replace("endfacet", "end", 1), ["facet 0: expected endfacet, found 'end'"]),
-        (stl_text(TRIANGLES).replace("vertex", "vertex x", 1), ["facet 0: vertex: expected numbers, found 'x'"]),
-        (stl_text([[[0, 0, 0], [1, 0, 0], [0, 1, 1e300]]]), ["facet 0: vertex 2: expected finite"]),
-        (stl_text(TRIANGLES)[:900], ["facet "]),
-        ("solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", ["facet 0: expected endfacet, found the end"]),
-    ],
-)
-def test_refused_stl(tmp_path, data, parts):
-    refusal(write(tmp_path / "bad.stl", data), "bad.stl: ", *parts)

@@ -6,8 +6,8 @@ import dataclasses
 import hashlib
 import json
 import os
+import shutil
 import signal
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from every_light import EVERY, default_of
 from mapped_scenes import mapped, normal_image
-from processes import python, started
-from scene_files import refusal
+from processes import python
+from scene_files import refusal, same, write
 
 import clshade
-from clshade import Camera, DirectionalLight, Environment, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture
+from clshade import Camera, Environment, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture
 from clshade.errors import InputError, OutputError
 from clshade.scene.formats import scene_json
 from clshade.scene.formats.load import load
@@ -43,7 +43,8 @@ def moved(*shifts: float) -> np.ndarray:
 
 
 def full_scene() -> Scene:
-    """Return a scene in which every field of every class has another value than its default."""
+    """Return a scene in which every field of every class has another value than its default; the up of its environment
+    would change if it were normalized twice."""
     pbr = MetallicRoughness(
         *(0.25, 1 / 3, texture(2), 1.4, 0.5, (0.1, 0.2, 0.3), 0.7),
         *(Texture(normal_image(4, 5), coordinates=1), 0.1 + 0.2, texture(4, filter="nearest"), 0.75, texture(6)),
@@ -66,7 +67,7 @@ def full_scene() -> Scene:
     material = Material(texture=texture(1, lookup="course"))
     shiny = Mesh(VERTS, FACES, material=material, instances=moved(2.0, 3.0, 4.0), instance_names=names, part_of="x")
     camera = dataclasses.replace(CAMERA, principal=(0.4, 0.6), orthographic=True, focal=2.0)
-    around = Environment(np.arange(24, dtype=np.float32).reshape(2, 4, 3), 33.3, 0.5, (0.3, 0.7, -0.2), "sky")
+    around = Environment(np.arange(24, dtype=np.float32).reshape(2, 4, 3), 33.3, 0.5, (0.3, 0.9, -0.2), "sky")
     return Scene(
         *((mesh, shiny, shiny), camera, EVERY, (0.1, 0.2, 0.3), None, "pbr", "all of it", ("points", "lines"), around),
         *(False, True, 0.125, ("walk", "")),
@@ -81,21 +82,6 @@ def parts_of(value: Any) -> list[Any]:
         return []
     inner = [part for field in dataclasses.fields(value) for part in parts_of(getattr(value, field.name))]
     return [value, *inner]
-
-
-def same(a: Any, b: Any) -> bool:
-    """Return whether two values are of the same type and have the same bits."""
-    if type(a) is not type(b):
-        return False
-    if dataclasses.is_dataclass(a):
-        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in dataclasses.fields(a))
-    if isinstance(a, np.ndarray):
-        return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
-    if isinstance(a, dict):
-        return list(a) == list(b) and all(same(a[key], b[key]) for key in a)
-    if isinstance(a, tuple):
-        return len(a) == len(b) and all(map(same, a, b))
-    return struct.pack("d", a) == struct.pack("d", b) if isinstance(a, float) else a == b
 
 
 def again(scene: Scene, folder) -> Scene:
@@ -150,16 +136,6 @@ def test_what_is_shared_is_shared_again(tmp_path):
     assert (len(written["materials"]), len(written["textures"])) == (3, 1 + len(MAPS))
 
 
-def test_directions_are_not_normalized_twice(tmp_path):
-    rng, changed = np.random.default_rng(1), 0
-    for _ in range(40):
-        environment = Environment(np.zeros((1, 1, 3)), up=rng.normal(size=3))
-        changed += dataclasses.replace(environment).up.tobytes() != environment.up.tobytes()
-        copy = again(Scene((), CAMERA, environment=environment), tmp_path)
-        assert same(copy.environment, environment)
-    assert changed  # or this test could not fail
-
-
 def test_the_same_scene_gives_the_same_bytes(tmp_path):
     for name in ("a.json", "b.json"):
         full_scene().to_json(tmp_path / name)
@@ -167,6 +143,9 @@ def test_the_same_scene_gives_the_same_bytes(tmp_path):
     texts = [(tmp_path / f"{name}.json").read_text().replace(f"{name}.json", "x") for name in "abc"]
     binaries = [arrays_of(tmp_path / f"{name}.json").read_bytes() for name in "abc"]
     assert len(set(texts)) == len(set(binaries)) == 1
+    assert "Löwe" in texts[0]
+    assert max(map(len, texts[0].splitlines())) < 120 < len(texts[0].splitlines())
+    assert not texts[0].endswith("\n\n")
 
 
 MINIMAL = """{
@@ -190,44 +169,6 @@ def test_a_file_written_by_hand(tmp_path):
     assert same(scene, Scene(mesh, camera, PointLight((1, 2, 3))))
 
 
-def test_the_text_as_it_is_written(tmp_path):
-    camera = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1, (0.6, 0.8))
-    Scene((), camera, DirectionalLight((0, -1, 0)), name="ü").to_json(tmp_path / "a.json")
-    assert (tmp_path / "a.json").read_text(encoding="utf-8") == (
-        '{\n  "format": "clshade scene",\n  "version": 1,\n  "scene": {\n    "meshes": [],\n    "camera": {\n'
-        '      "eye": [0.0, 0.0, 5.0],\n      "lookat": [0.0, 0.0, 0.0],\n      "up": [0.0, 1.0, 0.0],\n'
-        '      "focal": 1.0,\n      "plane": [0.6, 0.8],\n      "resolution": [800, 600],\n'
-        '      "principal": [0.5, 0.5],\n      "orthographic": false\n    },\n    "lights": '
-        '[{"kind": "DirectionalLight", "direction": [0.0, -1.0, 0.0], "intensity": [1.0, 1.0, 1.0]}],\n'
-        '    "ambient": [1.0, 1.0, 1.0],\n    "background": [0.0, 0.0, 0.0],\n    "preset": "standard",\n'
-        '    "name": "ü",\n    "ignored": [],\n    "environment": null,\n    "own_lights": true,\n'
-        '    "fitted": false,\n    "light_scale": 1.0,\n    "animations": []\n  },\n  "materials": [],\n'
-        '  "textures": [],\n  "arrays": null\n}\n'
-    )
-    assert os.listdir(tmp_path) == ["a.json"]
-
-
-def test_empty_arrays_need_no_file(tmp_path):
-    mesh = Mesh(np.zeros((0, 3)), np.zeros((0, 3), int), instances=np.zeros((0, 4, 4)), uvs=np.zeros((0, 2)))
-    assert same(again(Scene(mesh, CAMERA), tmp_path).meshes, (mesh,))
-    assert os.listdir(tmp_path) == ["again.json"]
-
-
-def seen_through() -> Scene:
-    """Return transparent and textured squares in two places each, before another."""
-    image = Texture(np.random.default_rng(2).random((4, 5, 4), np.float32))
-    glass = Material(texture=image, blend=True, opacity=0.75)
-    pane = Mesh(VERTS, FACES, uvs=VERTS[:, :2], material=glass, instances=moved(0.0, 0.4), alphas=[1, 0.5, 0.2, 1])
-    wall = Mesh(VERTS - (0.2, 0.2, 1.0), FACES, colors=np.eye(4)[:, :3], instances=moved(0.0, 0.7))
-    return Scene((pane, wall), CAMERA, PointLight((1, 2, 3)), background=0.1)
-
-
-def test_scenes_of_files_come_back(tmp_path, data_folder):
-    for name in ("Duck.glb", "2CylinderEngine.glb", "cat.npy", "teapot.obj"):
-        scene = load(data_folder / name)
-        assert same(again(scene, tmp_path), scene), name
-
-
 def test_options_of_loading(tmp_path):
     scene = full_scene()
     path = tmp_path / "a.json"
@@ -236,15 +177,13 @@ def test_options_of_loading(tmp_path):
     assert same(load(path, lights=[2, 0]).lights, (scene.lights[2], scene.lights[0]))
     assert all(mesh.material.two_sided for mesh in load(path, two_sided=True).meshes)
     assert load(path, fit=True).camera.resolution == scene.camera.resolution
-    for name, value in {"texture": np.zeros((1, 1, 3)), "focal": 2.0, "time": 1.0, "animation": "walk"}.items():
-        refusal(path, f"load: {name}: expected ", **{name: value})
-    for name, value in {"crease": 30.0, "up": "z", "flat": True}.items():
-        refusal(path, f"load: {name}: expected one only for .obj, .gltf, .glb, .ply", **{name: value})
 
 
 # Refusals
 
 REMOVED = object()
+MESH = ("scene", "meshes", 0)
+WIDE = {"type": "float64", "shape": [0, (1 << 30) - 1, (1 << 30) - 1], "offset": 0}
 
 
 def changed(path, *keys: Any, value: Any) -> str:
@@ -266,11 +205,17 @@ def arrays_of(path: Path) -> Path:
     return path.with_name(json.loads(path.read_text())["arrays"]["file"])
 
 
+@pytest.fixture(scope="module")
+def folder_of_full_scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved")
+    full_scene().to_json(folder / "a.json")
+    return folder
+
+
 @pytest.fixture
-def saved(tmp_path):
+def saved(folder_of_full_scene, tmp_path):
     """Return the path of a scene file with all that a scene may hold."""
-    full_scene().to_json(tmp_path / "a.json")
-    return tmp_path / "a.json"
+    return Path(shutil.copytree(folder_of_full_scene, tmp_path, dirs_exist_ok=True)) / "a.json"
 
 
 @pytest.mark.parametrize("value", [REMOVED, None])
@@ -281,124 +226,49 @@ def test_a_file_without_a_camera_gets_a_fitted_one(saved, value):
     assert scene.camera.eye.tolist() == Scene(scene.meshes).camera.eye.tolist()
 
 
-MESH = ("scene", "meshes", 0)
-OUTSIDE = "arrays.file: expected a file in the scene's folder (no absolute path, no ..)"
-
-
-@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("keys", "value", "message"),
     [
-        (("format",), REMOVED, "format: expected 'clshade scene', found none"),
         (("format",), "other", "format: expected 'clshade scene', found other"),
-        (("version",), REMOVED, "version: expected 1, found none"),
         (("version",), 2, "version: expected 1, found 2"),
-        (("version",), "1", "version: expected 1, found 1"),
-        (("version",), True, "version: expected 1, found True"),
-        (("extra",), 1, "keys: expected one of format, version, scene, textures, materials, arrays, found 'extra'"),
-        (("matrials",), [], "found 'matrials': did you mean 'materials'?"),
+        (("matrials",), [], "keys: expected one of format, version, scene, textures, materials, arrays, found"),
         (("scene",), REMOVED, "scene: expected this key, found none"),
-        (("scene",), [1], "scene: expected an object, found 1 values"),
-        (("scene", "camra"), 1, "scene: expected one of meshes, camera, "),
         (("scene", "camra"), 1, "found 'camra': did you mean 'camera'?"),
-        (("scene", "camera"), 1, "scene.camera: expected an object"),
-        (("scene", "camera", "eyes"), 1, "scene.camera: expected one of eye, lookat"),
-        (("scene", "camera", "eye"), REMOVED, "scene.camera.eye: expected this key, found none"),
         (("scene", "camera", "eye"), [1, 2], "scene.camera: Camera: eye: expected three finite numbers"),
-        (("scene", "camera", "eye"), [1, 2, True], "scene.camera.eye: expected a list of numbers or texts, found True"),
-        (("scene", "camera", "focal"), "1", "scene.camera: Camera: focal: expected a finite number above 0"),
-        (("scene", "camera", "resolution"), [0, 5], "scene.camera: Camera: resolution N: expected a whole number"),
-        (("scene", "meshes"), {}, "scene.meshes: expected a list, found 0 values"),
-        (("scene", "meshes", 1), 5, "scene.meshes[1]: expected an object, found 5"),
-        ((*MESH, "vert"), 1, "scene.meshes[0]: expected one of verts"),
-        ((*MESH, "verts"), REMOVED, "scene.meshes[0].verts: expected this key, found none"),
-        ((*MESH, "verts"), [[1, 2]], "scene.meshes[0]: Mesh 'a \"mesh\"\\n': verts: expected an array of shape (K, 3)"),
+        ((*MESH, "verts"), WIDE, "verts: expected an array of shape (K, 3)"),
         ((*MESH, "verts"), [[[[[1]]]]], "scene.meshes[0].verts: expected at most 4 lists in each other, found more"),
-        ((*MESH, "faces"), [[0, 1, 5]], "faces: expected indices from 0 to 4, found '5 in face 0'"),
-        ((*MESH, "material"), 2, "scene.meshes[0].material: expected an index of the 2 materials, from 0, found 2"),
         ((*MESH, "material"), -1, "scene.meshes[0].material: expected an index of the 2 materials"),
-        ((*MESH, "material"), True, "scene.meshes[0].material: expected an index of the 2 materials"),
-        ((*MESH, "material"), None, "scene.meshes[0]: Mesh 'a \"mesh\"\\n': material: expected a Material, found None"),
-        ((*MESH, "dropped"), "2", "dropped: expected a whole number from 0 to"),
-        ((*MESH, "name"), 5, "scene.meshes[0]: Mesh: name: expected a text, found 5"),
-        ((*MESH, "scalars"), [], "scene.meshes[0].scalars: expected an object, found 0 values"),
-        ((*MESH, "scalars", "height"), [1], "scene.meshes[0]: Mesh 'a \"mesh\"\\n': scalars 'height': expected (5,)"),
-        ((*MESH, "scalars", "height", "shap"), 1, "scene.meshes[0].scalars 'height': expected one of type, shape"),
-        (("scene", "lights", 0), 5, "scene.lights[0].kind: expected one of PointLight, "),
         (("scene", "lights", 1, "kind"), "SunLight", "found SunLight: did you mean"),
-        (("scene", "lights", 1, "kind"), REMOVED, "scene.lights[1].kind: expected one of PointLight, "),
         (("scene", "lights", 1, "radius"), 1, "scene.lights[1]: expected one of direction, intensity, found 'radius'"),
-        (("scene", "lights", 0, "radius"), -1, "scene.lights[0]: PointLight: radius: expected"),
-        (("scene", "preset"), "pb", "scene: Scene: preset: expected one of course, standard, pbr, found 'pb'"),
-        (("scene", "environment", "up"), [0, 0, 0], "scene.environment: Environment: up: expected a direction"),
-        (
-            ("materials", 0, "texture"),
-            "x",
-            "materials[0].texture: expected an index of the 6 textures, from 0, found x",
-        ),
-        (("materials", 0, "pbr", "ior"), 0.5, "materials[0].pbr: MetallicRoughness: ior: expected"),
-        (("materials", 0, "sides"), "back", "materials[0]: Material: sides: expected one of both, front"),
-        (("textures",), 3, "textures: expected a list, found 3"),
-        (("textures", 0, "wrap"), ["clamp", 3], "textures[0]: Texture: wrap: expected one of"),
-        (("textures", 0, "image"), REMOVED, "textures[0].image: expected this key, found none"),
+        (("materials", 0, "texture"), "x", "materials[0].texture: expected an index of the 6 textures, from 0"),
         ((*MESH, "faces", "type"), "float16", "faces.type: expected one of float32, float64, int32, found float16"),
-        ((*MESH, "faces", "type"), [], "scene.meshes[0].faces.type: expected one of float32"),
-        ((*MESH, "faces", "shape"), 5, "scene.meshes[0].faces.shape: expected a list, found 5"),
         ((*MESH, "faces", "shape"), [], "scene.meshes[0].faces: expected 1 to 3 dimensions"),
-        ((*MESH, "faces", "shape"), [1, 1, 1, 1], "scene.meshes[0].faces: expected 1 to 3 dimensions"),
-        ((*MESH, "faces", "shape"), [1] * 1000, "scene.meshes[0].faces: expected 1 to 3 dimensions"),
-        ((*MESH, "faces", "shape"), [-1, 3], "scene.meshes[0].faces.shape: expected a whole number from 0 to"),
         ((*MESH, "faces", "shape"), [1 << 29, 1 << 29], "scene.meshes[0].faces: expected 1 to 3 dimensions"),
-        ((*MESH, "faces", "shape"), [1 << 30, 0], "scene.meshes[0].faces.shape: expected a whole number from 0 to"),
         ((*MESH, "faces", "offset"), 2, "scene.meshes[0].faces: expected 1 to 3 dimensions of whole values within"),
-        ((*MESH, "faces", "offset"), 1 << 40, "scene.meshes[0].faces.offset: expected a whole number from 0 to"),
-        ((*MESH, "faces", "offset"), REMOVED, "scene.meshes[0].faces.offset: expected this key, found none"),
-        (("arrays",), None, "textures[0].image"),
-        (("arrays",), 5, "arrays: expected an object, found 5"),
-        (("arrays", "sha"), 5, "arrays: expected one of file, bytes, sha256, found 'sha'"),
-        (("arrays", "sha256"), REMOVED, "arrays.sha256: expected this key, found none"),
-        (("arrays", "sha256"), 5, "arrays.sha256: expected a text, found 5"),
-        (("arrays", "bytes"), 1.5, "arrays.bytes: expected a whole number from 0 to 34359738368, found 1.5"),
+        (("arrays", "bytes"), 1 << 40, "arrays.bytes: expected a whole number from 0 to 34359738368, found 1"),
         (("arrays", "bytes"), 8, "arrays.bytes: expected 8 bytes in 'a.json."),
-        (("arrays", "file"), None, "arrays.file: expected a text, found none"),
         (("arrays", "file"), "no.bin", "arrays.file: expected an existing file, found no file 'no.bin'"),
-        (("arrays", "file"), "/etc/passwd", OUTSIDE),
-        (("arrays", "file"), "../a.bin", OUTSIDE),
-        (("arrays", "file"), "C:\\a.bin", OUTSIDE),
-        (("arrays", "file"), ".", "arrays.file: expected a regular file"),
+        (("arrays", "file"), "/etc/passwd", "arrays.file: expected a file in the scene's folder (no absolute path"),
     ],
 )
 def test_what_is_refused(saved, keys, value, message):
     refusal(changed(saved, *keys, value=value), "a.json: ", message)
 
 
-def test_zero_rows_of_any_width_are_refused_by_the_mesh(saved):
-    width = (1 << 30) - 1
-    empty = {"type": "float64", "shape": [0, width, width], "offset": 0}
-    refusal(changed(saved, *MESH, "verts", value=empty), "verts: expected an array of shape (K, 3)")
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "file: expected content, found an empty file"),
         ("[1, 2]", "format: expected 'clshade scene', found 2 values"),
-        ('[{"eye": [0, 1, 5]}]', "format: expected 'clshade scene', found 1 values"),
-        ("3", "format: expected 'clshade scene', found 3"),
-        ('"clshade scene"', "format: expected 'clshade scene', found clshade scene"),
         ("{", "JSON: expected a scene file, found "),
         (MINIMAL.replace("0.6", "NaN"), "JSON: expected a scene file, found 'a number that is NaN'"),
-        (MINIMAL.replace("[1, 2, 3]", "[1, 2, 1e999]"), "scene.lights[0]: PointLight: position: expected three finite"),
-        (MINIMAL.replace("0.6", "1e999"), "scene.camera: Camera: plane H: expected a finite number above 0"),
         (MINIMAL.replace("0.6", "9" * 400), "scene.camera: Camera: plane H: expected a finite number above 0"),
         (MINIMAL.replace('"scene"', '"version": 1, "scene"'), "found 'the key version twice'"),
         ("[" * 100_000, "JSON: expected a scene file, found too deep a nesting"),
-        ("\xff", "JSON: expected UTF-8 text"),
+        (b"\xff", "JSON: expected UTF-8 text"),
     ],
 )
 def test_texts_that_are_no_scene(tmp_path, text, message):
-    (tmp_path / "a.json").write_bytes(text.encode("latin-1"))
-    refusal(tmp_path / "a.json", "a.json: ", message)
+    refusal(write(tmp_path / "a.json", text), "a.json: ", message)
 
 
 def test_another_file_of_arrays_is_refused(saved):
@@ -407,44 +277,22 @@ def test_another_file_of_arrays_is_refused(saved):
     data[-1] ^= 1
     binary.write_bytes(data)
     refusal(saved, "arrays.sha256: expected '", hashlib.sha256(data).hexdigest())
-    binary.write_bytes(data + b"\0")
-    refusal(saved, "arrays.bytes: expected ", f"found {len(data) + 1}")
-    binary.unlink()
-    refusal(saved, "arrays.file: expected an existing file")
-
-
-def test_a_link_out_of_the_folder_is_refused(saved, tmp_path_factory):
-    binary = arrays_of(saved)
-    elsewhere = tmp_path_factory.mktemp("elsewhere") / "a.bin"
-    binary.rename(elsewhere)
-    binary.symlink_to(elsewhere)
-    refusal(saved, "arrays.file: expected a file in the scene's folder", "a link out of it")
-
-
-def test_a_file_of_arrays_is_not_read_unless_its_size_is_right(saved, monkeypatch):
-    """A sparse file of 1 TiB."""
-    os.truncate(arrays_of(saved), 1 << 40)
+    os.truncate(binary, 1 << 40)  # a sparse file, which is not read
     refusal(saved, "arrays.bytes: expected ", f"found {1 << 40}")
-    refusal(changed(saved, "arrays", "bytes", value=1 << 40), "arrays.bytes: expected a whole number from 0 to")
 
 
 # Writing
 
 
-@pytest.mark.parametrize("name", ["a", "a.jsn", "a.json.bin", "json", ".json"])
-def test_endings_of_names(tmp_path, name):
-    with pytest.raises(InputError, match=r"Scene\.to_json: path: expected a name ending in \.json, found "):
-        full_scene().to_json(tmp_path / name)
-    assert os.listdir(tmp_path) == []
-
-
-def test_names_that_no_file_could_refer_to(tmp_path):
-    for name in ("a\nb.json", "C:a.json", "a\\..\\b.json", "a\\b.json"):
-        with pytest.raises(InputError, match=r"Scene\.to_json: path: expected a file in the scene's folder"):
-            full_scene().to_json(tmp_path / name)
-    assert os.listdir(tmp_path) == []
-    with pytest.raises(InputError, match=r"Scene\.to_json: path: expected a path"):
-        full_scene().to_json(None)  # type: ignore[arg-type]
+def test_names_that_are_refused(folder):
+    for name, expected in (
+        *((name, r"a name ending in \.json, found") for name in ("a", "a.jsn", "a.json.bin", ".json")),
+        *((name, "a file in the scene's folder") for name in ("a\nb.json", "C:a.json", "a\\..\\b.json")),
+        (None, "a path"),
+    ):
+        with pytest.raises(InputError, match=rf"Scene\.to_json: path: expected {expected}"):
+            full_scene().to_json(name)
+    assert os.listdir() == []
 
 
 def test_both_files_are_written_or_none(tmp_path):
@@ -456,23 +304,12 @@ def test_both_files_are_written_or_none(tmp_path):
     assert os.listdir(tmp_path) == ["b.json"]
 
 
-def test_earlier_files_are_replaced(tmp_path):
-    full_scene().to_json(tmp_path / "a.json")
-    full_scene().to_json(tmp_path / "a.json.json")  # a name that begins alike
-    scene = seen_through()
-    scene.to_json(tmp_path / "a.json")
-    assert same(load(tmp_path / "a.json"), scene)
-    assert same(load(tmp_path / "a.json.json"), full_scene())
-    names = {path.name for file in ("a.json", "a.json.json") for path in (tmp_path / file, arrays_of(tmp_path / file))}
-    assert set(os.listdir(tmp_path)) == names
-
-
 KILLED = """
 import os, signal, sys, clshade
 place, calls = os.replace, []
 def replaced(*names):
     calls.append(names)
-    if len(calls) == int(sys.argv[2]):
+    if len(calls) == 2:
         os.kill(os.getpid(), signal.SIGKILL)
     place(*names)
 os.replace = replaced
@@ -481,66 +318,18 @@ clshade.builtin("icosphere", level=2).to_json(sys.argv[1])
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed by signals")
-@pytest.mark.parametrize("call", [1, 2])
-def test_a_killed_process_leaves_the_earlier_scene(tmp_path, call):
-    """Killed before the first or the second of two files is renamed."""
-    path, earlier = tmp_path / "a.json", seen_through()
-    earlier.to_json(path)
-    done = python(KILLED, "", str(path), str(call))
-    assert done.returncode == -signal.SIGKILL
-    assert same(load(path), earlier)
+def test_a_killed_process_leaves_the_earlier_scene_and_the_next_one_no_other_file(tmp_path):
+    """Killed before the second of two files is renamed."""
+    path, other = tmp_path / "a.json", tmp_path / "a.json.json"  # a name that begins alike
+    for file in (path, other):
+        clshade.builtin("quads", count=20).to_json(file)
+    assert python(KILLED, "", str(path)).returncode == -signal.SIGKILL
+    assert same(load(path), clshade.builtin("quads", count=20))
     full_scene().to_json(path)
     assert same(load(path), full_scene())
+    assert same(load(other).meshes, clshade.builtin("quads", count=20).meshes)
     left = {name for name in os.listdir(tmp_path) if name.endswith(".bin")}
-    assert left == {arrays_of(path).name}
-
-
-def test_a_scene_replaced_twice_while_it_is_read(tmp_path, monkeypatch):
-    """By another and by the same again: its JSON is what it was, the arrays were missing in between."""
-    path = tmp_path / "a.json"
-    first, second = (clshade.builtin("quads", count=count) for count in (20, 30))
-    first.to_json(path)
-    read, reads = scene_json.read_file, []
-
-    def replacing(name, limit):
-        data = read(name, limit)
-        reads.append(name)
-        if len(reads) == 1:
-            second.to_json(path)
-        return data
-
-    def restoring(*arguments):
-        arrays_path = beside(*arguments)
-        if len(reads) == 1 and arguments[3] == "arrays.file":
-            first.to_json(path)
-        return arrays_path
-
-    beside = scene_json.beside
-    monkeypatch.setattr(scene_json, "read_file", replacing)
-    monkeypatch.setattr(scene_json, "beside", restoring)
-    assert same(load(path), first)
-
-
-WRITING = """
-import sys, clshade
-scenes = [clshade.builtin("quads", count=count) for count in (20, int(sys.argv[2]))]
-for k in range(40):
-    scenes[k % 2].to_json(sys.argv[1])
-"""
-
-
-def test_several_processes_write_one_scene_file(tmp_path):
-    """Whoever reads it meanwhile finds a whole scene."""
-    path = tmp_path / "a.json"
-    clshade.builtin("quads", count=20).to_json(path)
-    writers = [started(WRITING, "", str(path), str(count)) for count in (30, 40, 30)]
-    seen = set()
-    while any(writer.poll() is None for writer in writers):
-        seen.add(load(path).face_count)
-    assert [writer.wait() for writer in writers] == [0, 0, 0]
-    assert seen >= {load(path).face_count}
-    assert seen <= {40, 60, 80}
-    assert len([name for name in os.listdir(tmp_path) if name.endswith(".bin")]) == 1
+    assert left == {arrays_of(path).name, arrays_of(other).name}
 
 
 @pytest.mark.parametrize(
@@ -552,9 +341,3 @@ def test_limits_of_the_format(tmp_path, monkeypatch, name, message):
     with pytest.raises(InputError, match=f"Scene.to_json: scene: expected at most .*100 {message}"):
         full_scene().to_json(tmp_path / "a.json")
     assert os.listdir(tmp_path) == []
-
-
-def test_a_text_that_is_too_long(tmp_path):
-    (tmp_path / "a.json").touch()
-    os.truncate(tmp_path / "a.json", scene_json.MAX_BYTES + 1)
-    refusal(tmp_path / "a.json", f"file: expected at most {scene_json.MAX_BYTES} bytes")

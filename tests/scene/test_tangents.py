@@ -39,19 +39,17 @@ def grid(rows, columns, height=0.3, seed=0):
     return verts, faces, vertex_normals(verts, faces), np.stack([x, 1 - y], -1).reshape(-1, 2)
 
 
-def test_an_upright_image_has_the_tangent_to_the_right_and_the_bitangent_up():
-    tangents = at_corners(SQUARE, FACES, UP, UPRIGHT)
-    np.testing.assert_allclose(tangents, np.broadcast_to([1.0, 0.0, 0.0, 1.0], (2, 3, 4)), atol=1e-15)
-
-
-def test_a_mirrored_image_turns_the_tangent_and_the_side():
-    tangents = at_corners(SQUARE, FACES, UP, UPRIGHT * [-1.0, 1.0])
-    np.testing.assert_allclose(tangents, np.broadcast_to([-1.0, 0.0, 0.0, -1.0], (2, 3, 4)), atol=1e-15)
-
-
-def test_a_turned_image_turns_the_tangent():
-    tangents = at_corners(SQUARE, FACES, UP, UPRIGHT[:, ::-1] * [1.0, -1.0])
-    np.testing.assert_allclose(tangents, np.broadcast_to([0.0, -1.0, 0.0, 1.0], (2, 3, 4)), atol=1e-15)
+@pytest.mark.parametrize(
+    ("uvs", "tangent"),
+    [
+        (UPRIGHT, [1.0, 0.0, 0.0, 1.0]),  # to the right, and the bitangent up
+        (UPRIGHT * [-1.0, 1.0], [-1.0, 0.0, 0.0, -1.0]),  # mirrored
+        (UPRIGHT[:, ::-1] * [1.0, -1.0], [0.0, -1.0, 0.0, 1.0]),  # turned
+    ],
+)
+def test_upright_mirrored_and_turned_images(uvs, tangent):
+    tangents = at_corners(SQUARE, FACES, UP, uvs)
+    np.testing.assert_allclose(tangents, np.broadcast_to(tangent, (2, 3, 4)), atol=1e-15)
 
 
 def test_mirrored_halves_split_the_vertices_of_their_seam():
@@ -77,18 +75,14 @@ def test_angles_weigh_not_areas():
     np.testing.assert_allclose(tangent, expected / np.linalg.norm(expected), atol=1e-15)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_surfaces_agree_with_the_reference(seed):
     verts, faces, normals, uvs = grid(5, 6, seed=seed)
-    rng = np.random.default_rng(seed)
     tangents = assert_as_reference(verts, faces, normals, uvs)
-    across = normals[faces]
-    np.testing.assert_allclose((tangents[..., :3] * across).sum(axis=2), 0.0, atol=1e-12)
+    np.testing.assert_allclose((tangents[..., :3] * normals[faces]).sum(axis=2), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(tangents[..., :3], axis=2), 1.0, atol=1e-12)
-    assert_as_reference(verts, faces, normals, uvs + 0.4 * rng.random(uvs.shape))  # some faces mirrored
-    assert_as_reference(verts, faces, normals, np.round(uvs * 2.0) / 2.0)  # some without an area
-    assert_as_reference(verts, np.concatenate([faces, faces[:7], faces[3:9, [0, 2, 1]]]), normals, uvs)  # shared edges
-    assert_as_reference(np.round(verts * 2.0), faces, normals, uvs)  # some vertices at one place
+    mirrored = uvs + 0.4 * np.random.default_rng(seed).random(uvs.shape)
+    assert_as_reference(verts, faces, normals, mirrored)  # of some faces
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -100,18 +94,14 @@ def test_any_triangles_agree_with_the_reference(seed):
     assert_as_reference(verts, faces, vertex_normals(verts, faces), uvs)
 
 
-def test_separate_indices_are_as_shared_ones():
+def test_separate_indices_are_as_shared_ones_and_scale_does_not_matter():
     verts, faces, normals, uvs = grid(4, 4)
     rng = np.random.default_rng(1)
     orders = [rng.permutation(len(verts)).astype(np.int32) for _ in range(2)]
     moved = [np.argsort(order).astype(np.int32)[faces] for order in orders]
     tangents = at_corners(verts, faces, normals[orders[0]], uvs[orders[1]], *moved)
-    np.testing.assert_allclose(tangents, at_corners(verts, faces, normals, uvs), atol=1e-12)
-
-
-def test_scale_does_not_matter():
-    verts, faces, normals, uvs = grid(4, 4)
     expected = at_corners(verts, faces, normals, uvs)
+    np.testing.assert_allclose(tangents, expected, atol=1e-12)
     for scale in (2.0**-600, 2.0**600):
         np.testing.assert_array_equal(at_corners(verts * scale, faces, normals, uvs), expected)
 
@@ -123,11 +113,3 @@ def test_no_direction_gives_zero(bad):
     assert not at_corners(SQUARE * 0.0, FACES, UP, UPRIGHT).any()
     empty = corner_tangents(SQUARE, FACES[:0], UP, FACES[:0], UPRIGHT, FACES[:0])
     assert empty[1].shape == (0, 3)
-
-
-def test_a_face_without_direction_takes_its_neighbors():
-    uvs = UPRIGHT.copy()
-    uvs[3] = uvs[0]  # the second face has no area in the texture
-    tangents = assert_as_reference(SQUARE, FACES, UP, uvs)
-    np.testing.assert_allclose(tangents[1, :2], np.tile([1.0, 0.0, 0.0, 1.0], (2, 1)), atol=1e-15)
-    assert not tangents[1, 2].any()

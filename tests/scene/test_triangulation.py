@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from mesh_writers import ply
 from scene_files import write
 
 from clshade.scene import triangulate
 from clshade.scene.formats.load import load
 from clshade.scene.triangulate import triangulated
 
-SCALES = (1.0, 1e30, 1e-30, 1e300, 1e-300)
 DART = [[0, 4, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0]]
 
 
@@ -102,63 +100,17 @@ def uncrossed(points: np.ndarray) -> np.ndarray:
     return points[order]
 
 
-def test_the_dart_of_an_obj_file(tmp_path):
-    """A square with a notch: two triangles of a fan would cover the notch, one of them flipped."""
-    text = "".join("v {} {} {}\n".format(*corner) for corner in DART) + "f 1 2 3 4 5\n"
-    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
-    parts = vector_areas(mesh.verts, mesh.faces)
-    assert parts[:, 2].sum() == 10
-    assert (parts[:, 2] > 0).all()
-    assert (parts[:, :2] == 0).all()
-    for quad in ("f 1 2 3 4\n", "f 2 3 4 1\n"):  # the reflex corner at any position
-        text = "v 0 0 0\nv 4 4 0\nv 0 3 0\nv -4 4 0\n".replace("0 3 0", "0 9 0")
-        arrow = "v 0 0 0\nv 4 -4 0\nv 0 9 0\nv -4 -4 0\n" + quad
-        (mesh,) = load(write(tmp_path / "b.obj", arrow)).meshes
-        assert vector_areas(mesh.verts, mesh.faces)[:, 2].tolist() == [18, 18]
-
-
-def test_corners_keep_their_uvs_and_normals(tmp_path):
-    text = "".join("v {} {} {}\nvt {} {}\n".format(*corner, *corner[:2]) for corner in DART)
-    text += "vn 0 0 1\nvn 0 0 2\nf 3/3/1 4/4/2 5/5/1 1/1/2 2/2/2\nf 1/1/1 2/2/1 3/3/1\n"
-    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
-    assert mesh.faces.tolist()[-1] == [0, 1, 2]
-    uvs = mesh.uvs[mesh.uv_faces]
-    assert np.array_equal(uvs[:, :, 0], mesh.verts[mesh.faces][:, :, 0])
-    assert np.array_equal(1 - uvs[:, :, 1], mesh.verts[mesh.faces][:, :, 1])
-    expected = np.where(np.isin(mesh.faces[:3], [3, 0, 1]), 2.0, 1.0)
-    assert np.array_equal(mesh.normals[mesh.normal_faces[:3]][:, :, 2], expected)
-
-
-@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
-def test_ply_cuts_alike_with_coordinates_of_corners(tmp_path, form):
-    header = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
-    header += "property list uchar int vertex_indices\nproperty list uchar float texcoord\nproperty uchar red\n"
-    header += "property uchar green\nproperty uchar blue\n"
-    rows = [("3f", list(map(float, corner))) for corner in DART]
-    for face, color in (([3, 4, 0, 1, 2], 255), ([2, 1, 0], 0)):
-        uvs = [float(value) for corner in face for value in DART[corner][:2]]
-        kinds = f"B{len(face)}iB{len(uvs)}f3B"
-        rows.append((kinds, [len(face), *face, len(uvs), *uvs, color, color, color]))
-    (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows)), texture=np.ones((1, 1, 3))).meshes
-    points, uvs = mesh.verts[mesh.faces], mesh.uvs[mesh.uv_faces]
-    assert vector_areas(mesh.verts, mesh.faces)[:, 2].tolist()[3:] == [-8]
-    assert (vector_areas(mesh.verts, mesh.faces)[:3, 2] > 0).all()
-    assert np.array_equal(uvs[:, :, 0], points[:, :, 0])
-    assert np.array_equal(1 - uvs[:, :, 1], points[:, :, 1])
-    assert mesh.colors[mesh.faces][:, :, 0].tolist() == [[1] * 3] * 3 + [[0] * 3]
-
-
-@pytest.mark.parametrize("scale", SCALES)
-def test_convex_polygons_stay_fans(scale):
-    octagon = in_space(star([1.0] * 8), 4) * scale
+def test_convex_polygons_stay_fans():
+    octagon = in_space(star([1.0] * 8), 4)
     with_middles = np.stack([octagon, (octagon + np.roll(octagon, -1, axis=0)) / 2], axis=1).reshape(-1, 3)
     for verts in (octagon[:4], octagon, octagon[::-1], with_middles):
         assert cut_one(verts).tolist() == fan(len(verts))
-        assert cut_one(verts.astype(np.float32) if scale == 1.0 else verts).tolist() == fan(len(verts))
+        assert cut_one(verts.astype(np.float32)).tolist() == fan(len(verts))
 
 
-def test_order_of_polygons_and_their_numbers():
+def test_order_of_polygons_and_their_numbers(monkeypatch):
     """Triangles, quadrilaterals and others alternate: each polygon's triangles are contiguous and in order."""
+    monkeypatch.setattr(triangulate, "_BLOCK", 20)
     rng = np.random.default_rng(1)
     polygons = [star(list(rng.uniform(0.1, 1, n))) for n in rng.integers(3, 9, 200)]
     verts = np.concatenate([in_space(points, k) for k, points in enumerate(polygons)])
@@ -174,7 +126,7 @@ def test_order_of_polygons_and_their_numbers():
     assert cuts.left == 0
 
 
-@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("scale", [1.0, 1e300, 1e-300])
 def test_any_magnitude(scale):
     verts = in_space(star([1, 0.2, 1, 0.3, 1, 0.2, 1, 0.1]), 5)
     expected = assert_cut(verts)
@@ -184,12 +136,6 @@ def test_any_magnitude(scale):
     faces, _ = cut(both, np.arange(16, dtype=np.int32), np.array([8, 8]))
     assert np.array_equal(faces[:6], expected)
     assert np.array_equal(faces[6:] - 8, expected)
-
-
-@given(st.lists(st.floats(0.05, 1.0), min_size=4, max_size=40), st.integers(0, 99), st.booleans())
-def test_star_shaped_polygons(radii, seed, turn):
-    points = star(radii)
-    assert_cut(in_space(points[::-1] if turn else points, seed))
 
 
 @given(st.integers(4, 24), st.integers(0, 1 << 32), st.booleans())
@@ -215,74 +161,28 @@ def test_corners_on_edges_and_repeated_ones_stay_in_use(count, seed, axis):
     assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-12)
 
 
-def test_a_corner_on_an_edge_parts_the_triangle_that_has_it():
-    """Corners 4, 5 and 7 lie on straight edges of an L: no triangle is degenerate, and no corner is left out."""
-    verts = np.array(
-        [[0, 0, 0], [4, 0, 0], [4, 1, 0], [1, 1, 0], [1, 2, 0], [1, 3, 0], [1, 4, 0], [0.5, 4, 0], [0, 4, 0]]
-    )
-    for shift in range(9):
-        triangles = assert_cut(np.roll(verts, shift, axis=0))
-        assert set(triangles.reshape(-1).tolist()) == set(range(9))
-        if triangles.tolist() != fan(9):  # which is correct for two of them
-            assert vector_areas(np.roll(verts, shift, axis=0), triangles)[:, 2].min() > 0
-
-
-@pytest.mark.parametrize("repeated", range(5))
-def test_a_dart_with_a_corner_that_comes_twice(repeated):
+@pytest.mark.parametrize(
+    ("corners", "area", "is_flat"),
+    [
+        (DART, 10, False),
+        ([[0, 0], [4, -4], [0, 9], [-4, -4]], 36, False),  # the reflex corner at any position of a quadrilateral
+        *((np.insert(DART, k, DART[k], axis=0), 10, True) for k in range(5)),  # corners that come twice
+        # Corners on straight edges of an L: no triangle is degenerate, and no corner is left out.
+        ([[0, 0], [4, 0], [4, 1], [1, 1], [1, 2], [1, 3], [1, 4], [0.5, 4], [0, 4]], 7, False),
+        # A square with a square hole, joined by a bridge whose corners come twice.
+        ([[0, 0], [9, 0], [9, 9], [0, 9], [0, 0], [3, 3], [3, 6], [6, 6], [6, 3], [3, 3]], 72, True),
+    ],
+)
+def test_concave_polygons(corners, area, is_flat):
     """No triangle is flipped, as in a fan, whose signed areas have the same sum."""
-    verts = np.insert(np.array(DART, float), repeated, DART[repeated], axis=0)
-    for shift in range(6):
+    verts = np.insert(np.array(corners, float)[:, :2], 2, 1.0, axis=1)
+    for shift in range(len(verts)):
         turned = np.roll(verts, shift, axis=0)
-        triangles = cut_one(turned)
-        assert_edges_are_met(6, triangles)
+        triangles = assert_cut(turned)
         areas = vector_areas(turned, triangles)[:, 2]
-        assert areas.min() >= 0
-        assert areas.sum() == newell(verts)[2] == 10
-
-
-def test_cycles_that_meet_in_a_corner():
-    for edges, expected in (
-        ([(0, 1), (1, 2), (2, 0), (0, 3), (3, 4), (4, 0)], [[0, 1, 2], [0, 3, 4]]),
-        ([(0, 1), (1, 2), (2, 3), (3, 1), (1, 4), (4, 0)], [[0, 1, 4], [1, 2, 3]]),
-        ([(2, 3), (3, 2)], [[2, 3]]),
-    ):
-        cycles = triangulate._cycles(Counter(edges))
-        turned = [cycle[cycle.index(min(cycle)) :] + cycle[: cycle.index(min(cycle))] for cycle in cycles]
-        assert sorted(turned) == expected
-
-
-def test_a_hole_joined_by_a_bridge():
-    """A square with a square hole: the corners of the bridge occur twice."""
-    ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0], [3, 3], [3, 6], [6, 6], [6, 3], [3, 3]]
-    verts = np.array([[*corner, 1.0] for corner in ring])
-    triangles = assert_cut(verts)
-    assert vector_areas(verts, triangles)[:, 2].sum() == 72
-
-
-def test_non_planar_polygons():
-    """Corners off the plane: the triangulation is valid in projection along Newell's normal."""
-    rng = np.random.default_rng(2)
-    for _ in range(50):
-        points = uncrossed(rng.random((9, 2)))
-        verts = np.concatenate([points, rng.normal(0, 0.02, (9, 1))], axis=1)
-        triangles = cut_one(verts)
-        assert_edges_are_met(9, triangles)
-        area = newell(verts)
-        assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-12)
-
-
-CROSSED = {
-    "bow-tie": ([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]], fan(4)),
-    "lopsided bow-tie": ([[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0]], fan(4)),
-    "no area": ([[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3], [1, 1, 1]], fan(5)),
-    "one point": ([[1, 2, 3]] * 6, fan(6)),
-    "there and back": ([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]], fan(4)),
-}
-
-
-@pytest.mark.parametrize(("verts", "expected"), CROSSED.values(), ids=list(CROSSED))
-def test_what_has_no_inside_stays_a_fan(verts, expected):
-    assert cut_one(verts).tolist() == expected
+        assert areas.sum() == area
+        assert is_flat or areas.min() > 0 or triangles.tolist() == fan(len(verts))
+        assert set(triangles.reshape(-1).tolist()) == set(range(len(verts)))
 
 
 @given(st.integers(4, 30), st.integers(0, 1 << 32), st.sampled_from([0, 1, 9]))
@@ -296,12 +196,6 @@ def test_polygons_that_cross_themselves(count, seed, digits):
     assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-9)
     over = [np.maximum(-(vector_areas(verts, t) @ area), 0).sum() for t in (triangles, np.array(fan(count)))]
     assert over[0] <= over[1] + 1e-9
-
-
-def test_pentagram():
-    angles = 4 * np.pi * np.arange(5) / 5
-    verts = np.stack([np.cos(angles), np.sin(angles), np.zeros(5)], axis=1)
-    assert_edges_are_met(5, cut_one(verts))
 
 
 def test_polygons_that_would_take_too_long_are_fans_and_told(tmp_path, monkeypatch):
@@ -318,38 +212,3 @@ def test_polygons_that_would_take_too_long_are_fans_and_told(tmp_path, monkeypat
         scene = load(path)
     assert scene.meshes[0].faces[:68].tolist() == fan(70)
     assert scene.meshes[0].faces[68:].tolist() != (np.array(fan(5)) + 70).tolist()  # small ones always
-
-
-def test_large_polygons_are_looked_at_first(monkeypatch):
-    monkeypatch.setattr(triangulate, "_UNCHECKED", 64)
-    zigzag = np.random.default_rng(4).random((100, 2))
-    for points, left in ((star(list(np.random.default_rng(5).uniform(0.2, 1, 100))), 0), (zigzag, 1)):
-        verts = in_space(points, 6)
-        faces, cuts = cut(verts, np.arange(100, dtype=np.int32), np.array([100]))
-        assert cuts.left == left
-        assert (faces.tolist() == fan(100)) == bool(left)
-    monkeypatch.setattr(triangulate, "_PAIRS", 10)
-    assert triangulate._crosses(star([0.2, 1.0] * 50)) == (True, 0)
-
-
-def test_crossing_edges_are_found():
-    rng = np.random.default_rng(7)
-    counts = [0, 0]
-    for _ in range(200):
-        points = rng.random((int(rng.integers(4, 9)), 2))
-        plain = triangulate._crosses(uncrossed(points))[0]
-        assert not plain
-        straight = len(uncrossed(points)) == len(points) and np.array_equal(uncrossed(points), points)
-        assert triangulate._crosses(points)[0] == (not straight)
-        counts[int(straight)] += 1
-    assert min(counts) > 10
-
-
-def test_blocks_and_groups_change_nothing(monkeypatch):
-    rng = np.random.default_rng(8)
-    counts = rng.integers(3, 8, 300)
-    verts = rng.random((int(counts.sum()), 3))
-    corners = np.arange(len(verts), dtype=np.int32)
-    expected, _ = cut(verts, corners, counts)
-    monkeypatch.setattr(triangulate, "_BLOCK", 20)
-    assert np.array_equal(cut(verts, corners, counts)[0], expected)

@@ -42,17 +42,10 @@ def box() -> Mesh:
 
 def sphere(rings: int = 6, sides: int = 8) -> Mesh:
     """Return a closed sphere of radius 1."""
-    polar = np.linspace(0.0, np.pi, rings + 1)[1:-1]
+    polar = np.linspace(0.0, np.pi, rings + 1)[1:-1, None]
     around = np.arange(sides) * 2.0 * np.pi / sides
-    ring = np.stack(
-        [
-            np.sin(polar)[:, None] * np.cos(around),
-            np.sin(polar)[:, None] * np.sin(around),
-            np.repeat(np.cos(polar)[:, None], sides, axis=1),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    vertices = np.concatenate([[[0.0, 0.0, 1.0]], ring, [[0.0, 0.0, -1.0]]])
+    ring = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0.0 * around], -1)
+    vertices = np.concatenate([[[0.0, 0.0, 1.0]], ring.reshape(-1, 3), [[0.0, 0.0, -1.0]]])
     last = len(vertices) - 1
     faces = [(0, 1 + i, 1 + (i + 1) % sides) for i in range(sides)]
     for r in range(rings - 2):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pyopencl as cl
-import pytest
 
 from clshade.oracle import transform
 from clshade.pipeline import struct_layout
@@ -19,34 +18,9 @@ from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build
 from clshade.pipeline.triangle_source import TriangleSource
 from clshade.scene.camera import Camera
-from clshade.scene.material import TERMS
 
 LANES = (1, 4, 8, 16)
-# Besides 16: scalars always; other vector widths, each of which needs another program, with -m long.
-OTHER_LANES = (1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long))
 Array = np.ndarray
-# numerics.clh, with the functions of several blocks of lanes also by one block.
-NUMERICS_OF_ONE_BLOCK = """
-#include "numerics.clh"
-
-#define OF_ONE(name)             \\
-    reals name(reals x)          \\
-    {                            \\
-        reals y;                 \\
-        name##_each(&y, &x, 1);  \\
-        return y;                \\
-    }
-OF_ONE(reciprocal_sqrt)
-OF_ONE(log2_one_minus)
-OF_ONE(exp2_negative)
-
-reals power_one_minus(reals t, reals n)
-{
-    reals power;
-    powers_one_minus(&power, &t, &n, 1);
-    return power;
-}
-"""
 
 
 def mask(**overrides: int) -> Features:
@@ -179,21 +153,14 @@ def vertices_at(
 class Pipeline:
     """The stages from `setup` on. Each method runs one and keeps its buffers for the next.
 
-    files: the kernel files to build. resolution: (N, M). image: further members of the struct Image.
+    resolution: (N, M). image: further members of the struct Image.
     """
 
     def __init__(
-        self,
-        device: Device,
-        files: tuple[str, ...],
-        resolution: tuple[int, int],
-        *,
-        lanes: int | None = None,
-        image: dict[str, Any] | None = None,
-        **features: int,
+        self, device: Device, resolution: tuple[int, int], *, image: dict[str, Any] | None = None, **features: int
     ) -> None:
-        self.device, self.features = device, mask(**features)
-        self.stages = Stages(device, build(device, self.features, files, lanes=lanes))
+        self.device, self.features = device, mask(OWNERS=1, **features)
+        self.stages = Stages(device, build(device, self.features, ("setup.cl", "bin.cl", "gouraud.cl")))
         self.resolution, self.structs = resolution, self.stages.structs
         self.image = image_of(device, resolution, self.structs, needs=self.features.needs, **(image or {}))
         self.tiles = int(self.image.array["tiles"][0])
@@ -268,90 +235,28 @@ class Pipeline:
         run("bin_fill", (chunks, 1), values, made=None, lists=self.lists)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
-    def surface(self, **arrays: Array) -> dict[str, Any]:
-        """Return the arrays by name and the stages' own buffers.
-
-        It must live until the kernel is done: its buffers share the arrays' memory.
-        """
-        stage_buffers = {
-            "triangles": self.made.triangles,
-            "faces": self.faces,
-            "relative": self.vertices.relative,
-            "vertices": self.vertices.projected,
-            "image": self.image,
-        }
-        array_buffers = {name: Buffer(self.device, array) for name, array in arrays.items()}
-        return struct_layout.surface_inputs(**stage_buffers, **array_buffers)
-
-    def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
-        """Run the pixel stage; return rgba (M, N, 4) and, with OWNERS, triangles (M, N), both with row 0 at the TOP."""
+    def draw(self) -> tuple[Array, Array]:
+        """Run the stage `gouraud`, unlit; return rgba (M, N, 4) and triangles (M, N), both with row 0 at the TOP."""
         columns, rows = self.resolution
         # A guard row before and after the image reveals writes out of bounds.
         around = np.full((rows + 2, columns, 4), np.nan, self.structs.real), np.full((rows + 2, columns), -2, np.int32)
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.counted.writing() as table:
             table["next_tile"] = table["saturated"] = 0
-        values = {
-            **self.surface(**arrays),
-            "corner_light": corner_light,
-            **self.frame,
-            "lists": self.lists,
-            "starts": self.starts,
-            "shown": None,
-        }
-        name = "phong" if self.features["PHONG"] else "gouraud"
-        self.stages.run(name, self.stages.pixels(name, self.tiles), values, rgba=rgba, owners=owners)
-        self.counters = self.counted.to_host()[0].copy()
+        surface = struct_layout.surface_inputs(
+            triangles=self.made.triangles,
+            faces=self.faces,
+            relative=self.vertices.relative,
+            vertices=self.vertices.projected,
+            image=self.image,
+        )
+        values = {**surface, "corner_light": None, **self.frame, "shown": None}
+        values |= {"lists": self.lists, "starts": self.starts}
+        self.stages.run("gouraud", self.stages.pixels("gouraud", self.tiles), values, rgba=rgba, owners=owners)
         planes = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()
         assert (around[1][[0, -1]] == -2).all()
         return planes
-
-
-def material_rows(count: int = 1, **fields: Any) -> Array:
-    """Return struct_layout.SINGLE.Material rows with the given members and coefficients of TERMS; kd, ks and n are 1 by
-    default."""
-    rows = np.zeros(count, struct_layout.SINGLE.Material)
-    rows["texture"] = -1
-    for name, value in {"kd": 1.0, "ks": 1.0, "n": 1.0, **fields}.items():
-        if name in TERMS:
-            coefficients(rows)[name][:] = value
-        else:
-            rows[name] = value
-    return rows
-
-
-def coefficients(rows: Array) -> dict[str, Array]:
-    """Return the coefficients of TERMS, (..., 3), in rows of materials."""
-    return {name: rows["k"][..., 3 * number : 3 * number + 3] for number, name in enumerate(TERMS)}
-
-
-def light_rows(positions: Array, intensities: Array) -> Array:
-    """Return struct_layout.SINGLE.Light rows."""
-    rows = np.zeros(len(positions), struct_layout.SINGLE.Light)
-    rows["position"], rows["intensity"] = positions, intensities
-    return rows
-
-
-def reflected(
-    device: Device,
-    chosen: Features,
-    points: Array,
-    normals: Array,
-    colors: Array | None,
-    materials: Array,
-    lights: Array,
-    lanes: int | None,
-) -> Array:
-    """Return the light (K, 3) of points with normals (K, 3) and colors (K, 3), None: white, by the stage `light`."""
-    stages = Stages(device, build(device, chosen, ("light.cl",), lanes=lanes))
-    vectors = {"points": points, "normals": normals, "colors": np.ones_like(points) if colors is None else colors}
-    values = {name: Buffer(device, four(array)) for name, array in vectors.items()}
-    values |= {"materials": Buffer(device, materials), "lights": Buffer(device, lights)}
-    lit = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(lights), "count": len(points)}
-    stages.run("light", stages.vectors(len(points)), values, lit=lit, **numbers)
-    return lit.to_host()[:, :3]
 
 
 def four(vectors: Array) -> Array:

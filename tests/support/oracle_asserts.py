@@ -6,13 +6,19 @@ such as `clshade.pipeline.frame.Frame`. Shape, type and finiteness are checked b
 
 from __future__ import annotations
 
+import os
+import re
+import tempfile
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from clshade import oracle
 from clshade.base.arrays import Array, Bools
+from clshade.images import png
 from clshade.images.layers import LAYER_TABLE
+from clshade.images.tonemap import tonemap
 from clshade.measure.check import oracle_bounds
 from clshade.measure.check.layer_bounds import layer_errors
 from clshade.oracle import OracleFrame, OracleLayers
@@ -20,11 +26,8 @@ from clshade.scene.model import Scene, Settings
 
 
 class Agreement(NamedTuple):
-    """Agreement of a frame with the oracle.
-
-    bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
-    tie or excluded by the caller. gates: (M, N) bool, pixels excepted because rounding may open or close a highlight.
-    """
+    """bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
+    tie or by the caller. gates: (M, N) bool, pixels excepted because rounding may open or close a highlight."""
 
     bounds: float
     ties: Bools
@@ -32,17 +35,33 @@ class Agreement(NamedTuple):
 
 
 def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
-    """Build an error with the number of bad pixels (M, N) and the values at the first."""
+    """Build an error with the number of bad pixels (M, N), the values at the first, and the folder with pictures of the
+    first two columns."""
     where = tuple(int(i) for i in np.argwhere(bad)[0])
     values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
-    return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
+    more = f"; see {write_pictures(*(array for _, array in columns[:2]))}" if len(columns) > 1 else ""
+    return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}{more}")
+
+
+def write_pictures(picture: Array, reference: Array) -> str:
+    """Write picture.png, reference.png and difference.png, brightened so that the largest one is 1, to a folder of the
+    test, and return their names."""
+    test = re.sub(r"\W+", "_", os.environ.get("PYTEST_CURRENT_TEST", "")).removesuffix("_call_")[:150]
+    folder = Path(tempfile.gettempdir(), "clshade_differences", test)
+    folder.mkdir(parents=True, exist_ok=True)
+    a, b = (np.nan_to_num(np.atleast_3d(array).astype(np.float64), posinf=0.0) for array in (picture, reference))
+    off, channels = np.abs(a - b), a.shape[2]
+    most = 1.0 if channels > 1 else max(float(b.max()), 1.0)  # numbers and depths are shades of gray
+    for name, shown in (("picture", a / most), ("reference", b / most), ("difference", off / (off.max() or 1.0))):
+        rgb = np.pad(shown, ((0, 0), (0, 0), (0, 3 - channels)), "edge" if channels == 1 else "constant")
+        png.write(folder / f"{name}.png", tonemap(rgb))
+    return f"picture.png, reference.png and difference.png in {folder}"
 
 
 def assert_array(
     name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True, nan: bool = False
 ) -> None:
-    """Assert that a value is a NumPy array of exactly this shape and type, without infinity if `finite`, and without NaN
-    unless `nan`."""
+    """Assert a NumPy array of exactly this shape and type, without infinity if `finite`, and without NaN unless `nan`."""
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
         description = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
         raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {description}")
@@ -73,60 +92,34 @@ def assert_same_ids(
     return different
 
 
-def assert_colors_within(
+def assert_colors_within(rgb: Array, oracle: OracleFrame, factor: float = 32.0, **options: Any) -> float:
+    """Assert that colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds."""
+    return _colors_agree(rgb, oracle, factor, **options).bounds
+
+
+def _colors_agree(
     rgb: Array,
     oracle: OracleFrame,
-    factor: float = 32.0,
+    factor: float,
     *,
     dtype: Any = np.float32,
     precision: str = "float32",
     gate_fraction: float = 0.01,
     skip: Array | None = None,
-) -> float:
-    """Assert that colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
-
-    gate_fraction: at most this fraction of the covered pixels may be off by a highlight, where the oracle reports that
-    rounding may open or close it. skip: (M, N) bool, pixels to exclude (proven depth ties).
-    """
-    assert_array("rgb", rgb, oracle.rgb.shape, dtype)
-    skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
-    return _colors_agree(rgb, oracle, factor, precision, gate_fraction, skipped).bounds
-
-
-def _colors_agree(
-    rgb: Array, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: Array
 ) -> Agreement:
-    """Compare colors for `assert_colors_within`."""
-    looked_at = ~skip
+    """gate_fraction: at most this fraction of the covered pixels may be off by a highlight, where the oracle reports that
+    rounding may open or close it. skip: (M, N) bool, pixels to exclude (proven depth ties)."""
+    assert_array("rgb", rgb, oracle.rgb.shape, dtype)
+    skip = np.zeros(oracle.id.shape, bool) if skip is None else skip
     ratio = oracle_bounds.color_errors(rgb, oracle, precision)[1]
-    jumps = looked_at & oracle_bounds.excepted_at_gates(rgb, oracle, factor, precision)
+    jumps = ~skip & oracle_bounds.excepted_at_gates(rgb, oracle, factor, precision)
     if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.alpha))):
         raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
-    bad = looked_at & ~jumps & (ratio > factor)
+    bad = ~skip & ~jumps & (ratio > factor)
     if bad.any():
         columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
         raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
-    return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
-
-
-def assert_depths_within(
-    Z: Array, oracle: OracleFrame, roundings: float | None = None, *, dtype: Any = np.float32, skip: Array | None = None
-) -> float:
-    """Assert that depths are within `roundings` (None: as the type allows) of the oracle's, and +inf exactly in the
-    background.
-
-    Returns the largest error, in roundings. skip: (M, N) bool, pixels to exclude.
-    """
-    assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
-    error = oracle_bounds.depth_errors(Z, oracle)
-    if roundings is None:
-        roundings = oracle_bounds.depth_roundings(Z)
-    if skip is not None:
-        error = np.where(skip, 0.0, error)
-    bad = error > roundings
-    if bad.any():
-        raise fail(f"depths off by more than {roundings:g} roundings", bad, ("Z", Z), ("expected", oracle.Z))
-    return float(error.max(initial=0.0))
+    return Agreement(float(ratio[~skip & ~jumps].max(initial=0.0)), skip, jumps)
 
 
 def assert_frame(
@@ -136,24 +129,28 @@ def assert_frame(
     settings: Settings,
     factor: float | None = None,
     *,
-    gate_fraction: float = 0.01,
     skip: Array | None = None,
+    **options: Any,
 ) -> Agreement:
-    """Assert that ids, coverage, depths and colors of a frame agree with the oracle's.
+    """Assert that ids, coverage, depths and colors of a frame agree with the oracle's: depths within as many roundings as
+    the type allows, and +inf exactly in the background.
 
-    factor: the color bounds allowed; None: as `allowed`. gate_fraction: see `assert_colors_within`. skip: (M, N) bool,
-    pixels to exclude.
+    factor: the color bounds allowed; None: as `allowed`. skip, options: as of `_colors_agree`.
     """
     dtype, precision = oracle_bounds.real_of(settings), settings.precision
     factor = oracle_bounds.allowed(scene, settings) if factor is None else factor
     ties = assert_same_ids(frame, oracle, scene, settings, skip=skip)
-    assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
+    Z = frame["Z"]
+    assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
+    bad = ~ties & (oracle_bounds.depth_errors(Z, oracle) > oracle_bounds.depth_roundings(Z))
+    if bad.any():
+        raise fail("depths off by more than the allowed roundings", bad, ("Z", Z), ("expected", oracle.Z))
     assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
+    off = oracle_bounds.color_errors(frame.rgb, oracle, precision)[1] > factor
     if settings.samples > 1:
-        off = oracle_bounds.color_errors(frame.rgb, oracle, precision)[1] > factor
         ties = ties | oracle_bounds.depth_ties(scene, settings, off & ~ties)
-    ties = ties | (oracle.unsure & (oracle_bounds.color_errors(frame.rgb, oracle, precision)[1] > factor))
-    return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)
+    ties = ties | (oracle.unsure & off)
+    return _colors_agree(frame.rgb, oracle, factor, dtype=dtype, precision=precision, skip=ties, **options)
 
 
 def assert_drawn(frame: Any, factor: float | None = None, **options: Any) -> Agreement:

@@ -23,7 +23,7 @@ def _command(code: str, arguments: tuple[str, ...], cache: Path | str, **variabl
 
 
 def python(
-    code: str, cache: Path | str, *arguments: str, timeout: float = 60.0, **variables: str
+    code: str, cache: Path | str, *arguments: str, timeout: float = 300.0, **variables: str
 ) -> subprocess.CompletedProcess[str]:
     """Run Python code in a process with a minimal environment; `cache` becomes XDG_CACHE_HOME."""
     how = _command(code, arguments, cache, **variables)

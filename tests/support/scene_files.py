@@ -7,6 +7,7 @@ import pickle
 import struct
 import warnings
 import zlib
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,12 @@ def chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
+def png_header(columns: int, rows: int) -> bytes:
+    """Return a gray PNG file without its pixels."""
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+
+
 def png16(pixels: np.ndarray) -> bytes:
     """Encode (h, w, 1..4) uint16 as a PNG with 16 bits per channel, using all five filters."""
     height, width, channels = pixels.shape
@@ -130,3 +137,18 @@ def png16(pixels: np.ndarray) -> bytes:
     head = struct.pack(">IIBBBBB", width, height, 16, color, 0, 0, 0)
     data = zlib.compress(b"".join(lines))
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+def same(a: Any, b: Any) -> bool:
+    """Return whether two values are of the same type and have the same bits."""
+    if type(a) is not type(b):
+        return False
+    if is_dataclass(a):
+        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    if isinstance(a, np.ndarray):
+        return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+    if isinstance(a, dict):
+        return list(a) == list(b) and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return struct.pack("d", a) == struct.pack("d", b) if isinstance(a, float) else a == b

@@ -15,7 +15,6 @@ from command_line import assert_refused, listing, run
 from PIL import Image
 from processes import ROOT
 
-from clshade.errors import InputError, OutputError
 from clshade.images import exr
 from clshade.images.image_file import Picture, read_picture
 from clshade.view import page
@@ -29,24 +28,23 @@ class Elements(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.found = [["", {}, ""]]
+        self.nodes = [["", {}, ""]]
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        self.found.append([tag, dict(attrs), ""])
+        self.nodes.append([tag, dict(attrs), ""])
 
     def handle_endtag(self, tag):
-        self.found.append([f"/{tag}", {}, ""])
+        self.nodes.append([f"/{tag}", {}, ""])
 
     def handle_data(self, data):
-        self.found[-1][2] += data
+        self.nodes[-1][2] += data
 
     def text_of(self, name):
-        return next(text for _, attributes, text in self.found if attributes.get("id") == name)
+        return next(text for _, attributes, text in self.nodes if attributes.get("id") == name)
 
 
 def decoded(elements, described):
-    """Return the channels of an image of a page, as unsigned integers."""
     channels = {}
     for channel in described["channels"]:
         bits, values = BITS[channel["type"]], []
@@ -86,12 +84,6 @@ def test_codes_of_a_png_are_kept(tmp_path, dtype):
     assert page.info(picture)["encoded"] is True
 
 
-def test_float64_is_rounded_and_other_types_are_refused():
-    assert page.stored_bits(np.full((1, 1), 0.1))[1].view(np.float32) == np.float32(0.1)
-    with pytest.raises(InputError, match="expected floats or whole numbers, found type complex128"):
-        page.stored_bits(np.zeros((1, 1), complex))
-
-
 def test_nothing_of_a_file_becomes_markup():
     """Names of scene, file, layers, attributes and their values: all of it is found again as text."""
     header = {HOSTILE: HOSTILE, "objectNames": json.dumps({"1": HOSTILE}), "instanceNames": json.dumps({"2": "b"})}
@@ -99,12 +91,17 @@ def test_nothing_of_a_file_becomes_markup():
     text = page.html({HOSTILE: picture}, title=HOSTILE)
     elements = Elements(text)
     plain = Elements(page.html({"a": Picture({"R": picture.channels["R"], "b": picture.channels[HOSTILE]})}))
-    assert [tag for tag, _, _ in elements.found] == [tag for tag, _, _ in plain.found]
+    assert [tag for tag, _, _ in elements.nodes] == [tag for tag, _, _ in plain.nodes]
     manifest = json.loads(elements.text_of("manifest"))
     (image,) = manifest["images"]
     assert manifest["title"] == image["name"] == image["channels"][1]["name"] == HOSTILE
     assert image["info"]["names"] == {"object_id": {"1": HOSTILE}, "instance_id": {"2": "b"}}
-    assert next(data for tag, _, data in elements.found if tag == "title") == HOSTILE
+    assert next(data for tag, _, data in elements.nodes if tag == "title") == HOSTILE
+    made = page.view({"a": picture}, HOSTILE)
+    frames = Elements(made._repr_html_()).nodes
+    assert [tag for tag, _, _ in frames] == ["", "iframe", "/iframe"]
+    assert frames[1][1]["srcdoc"] == made.html
+    assert repr(made).isprintable()
 
 
 def test_scripts_may_not_reach_the_network():
@@ -113,26 +110,17 @@ def test_scripts_may_not_reach_the_network():
     directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
     assert (directives["default-src"], directives["connect-src"]) == ("'none'", "'none'")
     assert "unsafe" not in policy
-    scripts = [data for tag, attributes, data in Elements(text).found if tag == "script" and not attributes]
+    scripts = [data for tag, attributes, data in Elements(text).nodes if tag == "script" and not attributes]
     assert scripts[-1] == "let extra = 1;"
     assert directives["script-src"].split() == [page._hash(script) for script in scripts]
     assert not re.search(r"https?://", text)
     assert "connect-src 'self'" in markup.unescape(page.html({}, connect="'self'"))
 
 
-def test_what_is_drawn_first_stands_before_the_scripts():
-    planes = {name: np.zeros((2, 2), np.float32) for name in ("Z", "B", "G", "R")}
-    elements = Elements(page.html({"a": Picture(planes), "b": Picture(planes)}))
-    order = [attributes.get("id", "script") for tag, attributes, _ in elements.found if tag == "script"]
-    first = order.index("script")
-    assert [name for name in order[:first] if name.startswith("chunk")] == ["chunk-1", "chunk-2", "chunk-3"]
-    assert set(order[first:]) >= {f"chunk-{k}" for k in (0, 4, 5, 6, 7)}
-
-
-@pytest.mark.parametrize("names", ["{", "[1]", 5, "null", "[" * 100_000])
-def test_names_of_another_form_are_left_out(names):
-    picture = Picture({"R": np.zeros((1, 1), np.float32)}, {"objectNames": names})
-    assert page.info(picture)["names"] == {}
+def test_names_of_another_form_are_left_out():
+    for names in ("{", "[1]", 5, "null", "[" * 100_000):
+        picture = Picture({"R": np.zeros((1, 1), np.float32)}, {"objectNames": names})
+        assert page.info(picture)["names"] == {}
 
 
 def test_every_part_is_used_and_installed():
@@ -140,22 +128,6 @@ def test_every_part_is_used_and_installed():
     assert parts == {*page.SCRIPTS, *page.SHADERS, *page.LIVE_SCRIPTS, "page.html", "style.css", "live.css"}
     (patterns,) = re.findall(r'^"clshade.view" = \[(.*)\]$', (ROOT / "pyproject.toml").read_text(), re.M)
     assert {f'"page/*.{name.rpartition(".")[2]}"' for name in parts} == set(patterns.split(", "))
-
-
-def test_settings_are_checked():
-    with pytest.raises(InputError, match="tonemap: operator: expected one of"):
-        page.html({}, tonemap="film")
-    with pytest.raises(InputError, match="tonemap: exposure: expected stops"):
-        page.html({}, exposure=np.nan)
-    assert page.checked_settings("aces", 300.0) == {"operator": "aces", "exposure": 100.0}
-
-
-def test_a_page_in_a_notebook():
-    made = page.view({"a": Picture({"R": np.zeros((2, 2), np.float32)})}, HOSTILE)
-    frames = Elements(made._repr_html_()).found
-    assert [tag for tag, _, _ in frames] == ["", "iframe", "/iframe"]
-    assert frames[1][1]["srcdoc"] == made.html
-    assert repr(made).isprintable()
 
 
 # The command
@@ -183,11 +155,19 @@ def test_the_command_writes_a_page(files, tmp_path, capsys):
     assert images_of(tmp_path / "b.html") == ["a.exr", "other/a.exr", "a.exr (2)"]
 
 
-def test_an_existing_page_is_replaced_when_asked_alone(files, tmp_path, capsys):
+def test_an_existing_page_is_replaced_when_asked_alone_and_not_by_a_full_disk(files, tmp_path, capsys, monkeypatch):
     page = tmp_path / "a.html"
     page.write_text("mine")
     assert_refused(run(capsys, "view", "a.exr"), "a.html exists already: -o a.html replaces it")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", full)
+        assert_refused(run(capsys, "view", "a.exr", "-o", "a.html"), "a.html", "No space left on device")
     assert page.read_text() == "mine"
+    assert listing(tmp_path) == ["a.exr", "a.html", "other", "other/a.exr"]
     assert run(capsys, "view", "a.exr", "-o", "a.html")[0] == 0
     assert images_of(page) == ["a.exr"]
 
@@ -195,10 +175,7 @@ def test_an_existing_page_is_replaced_when_asked_alone(files, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (("none.exr",), ("none.exr",)),
         (("a.exr", "text.txt"), ("text.txt", "expected an OpenEXR or PNG image")),
-        (("a.exr", "-o", "a.png"), ("--output", ".html")),
-        (("a.exr", "-o", "none/a.html"), ("none/a.html", "no folder")),
         (("a.exr", "-o", "link.html"), ("--output", "is read: choose another file")),
         (("a.exr", "--exposure", "nan"), ("exposure", "nan")),
         (("a.exr", "--tonemap", "film"), ("tonemap", "expected one of none, srgb", "film")),
@@ -210,14 +187,3 @@ def test_the_command_refuses(files, tmp_path, capsys, arguments, parts):
     before = listing(tmp_path)
     assert_refused(run(capsys, "view", *arguments), *parts)
     assert listing(tmp_path) == before
-
-
-def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    made = page.view({})
-    with pytest.raises(OutputError, match="No space left"):
-        made.save(tmp_path / "a.html")
-    assert listing(tmp_path) == []

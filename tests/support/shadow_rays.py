@@ -1,4 +1,5 @@
-"""Rays from receivers to points of their own: through the hierarchy of casters, and against all triangles one by one."""
+"""Shadow rays through the hierarchy of casters, and against all triangles one by one: from receivers to a light, and to
+points of their own, which are a fan of rays."""
 
 from __future__ import annotations
 
@@ -16,8 +17,25 @@ from clshade.pipeline.shading_tables import split
 from clshade.pipeline.struct_layout import SHADOW_REACH
 
 Array = np.ndarray
-FANS = """
+TEXT = """
 #include "shadow.cl"
+
+kernel void one_by_one(global const float *points, global const int *receivers, global const float *vertices,
+                       global const int *faces, global const ShadowLight *lights, global int *dark, int face_count,
+                       int stride)
+{
+    int first = get_global_id(0) * LANES;
+    Shadows in = {vertices, faces};
+    ShadowReceiver at = receivers_of(points, receivers, stride, first);
+    ShadowLight light = lights[0];
+    BlockRays block;
+    fixeds hit = (fixeds)(0);
+    begin_rays(&block, &at, &in, &light, (ints)(-1));
+    find_planes(&block);
+    for (int triangle = 0; triangle < face_count; ++triangle)
+        hit |= casts_shadow(&block.ray, light.w, vertices, faces, triangle, (fixeds)(-1));
+    STORE_LANES(hit, dark + first);
+}
 
 kernel void fans(global const float *points, global const int *receivers, global const float *ends,
                  global const float *vertices, global const int *faces, global const float *nodes,
@@ -48,6 +66,18 @@ kernel void fans(global const float *points, global const int *receivers, global
 """
 
 
+def one_by_one(device: Device, hierarchy: Hierarchy, points: Array, receivers: Array, light: Array) -> Array:
+    """Return whether rays to a light meet any triangle, by the predicate alone; a multiple of 16 of them."""
+    count, frame = len(points), hierarchy.frame
+    rays = np.ascontiguousarray(frame.pairs(points).T), receivers.astype(np.int32), frame.light(light)
+    values = dict(zip(("points", "receivers", "lights"), (Buffer(device, ray) for ray in rays), strict=True))
+    dark = Buffer.empty(device, count, np.int32)
+    stages = Stages(device, build(device, mask(), TEXT, lanes=16))
+    more = {"dark": dark, "face_count": len(hierarchy.faces.array), "stride": count}
+    stages.run("one_by_one", (count // 16, 1), {**vars(hierarchy), **values}, **more)
+    return dark.to_host() != 0
+
+
 def hidden(
     device: Device,
     hierarchy: Hierarchy,
@@ -57,12 +87,12 @@ def hidden(
     directional: bool = False,
     *,
     lanes: int = 16,
-    one_by_one: bool = False,
+    predicate: bool = False,
 ) -> Array:
     """Return whether triangles hide points from receivers, (K, N).
 
     points, receivers: as of `Hierarchy.shadowed`. ends: (K, N, 3), N points for each receiver, or directions toward them.
-    one_by_one: by what shadow_predicate.clh says of every triangle.
+    predicate: by what shadow_predicate.clh says of every triangle.
     """
     frame, (count, many, _) = hierarchy.frame, ends.shape
     moved = ends * frame.unit if directional else (ends - frame.origin) * frame.unit
@@ -74,6 +104,6 @@ def hidden(
     arrays = {"points": frame.pairs(points), "receivers": receivers.astype(np.int32), "ends": parts}
     values = {**vars(hierarchy), **{name: Buffer(device, array) for name, array in arrays.items()}, "dark": dark}
     values |= {"w": 0.0 if directional else w, "many": parts.shape[2]}
-    face_count = len(hierarchy.faces.array) if one_by_one else 0
-    Stages(device, build(device, mask(), FANS, lanes=lanes)).run("fans", (count, 1), values, face_count=face_count)
+    face_count = len(hierarchy.faces.array) if predicate else 0
+    Stages(device, build(device, mask(), TEXT, lanes=lanes)).run("fans", (count, 1), values, face_count=face_count)
     return dark.to_host()[:, :many] != 0
