@@ -159,7 +159,10 @@ def _run(arguments: Sequence[str]) -> int:
         return REFUSED
     try:
         words = join_values(arguments)
-        parsed = _parser(words).parse_args(words)
+        parser = _parser(words)
+        parsed = parser.parse_args(words)
+        if parsed.quiet and parsed.verbose:  # one before the command's name, one after it
+            parser.error("argument -v/--verbose: not allowed with argument -q/--quiet")
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else REFUSED
     try:

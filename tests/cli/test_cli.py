@@ -219,3 +219,4 @@ def test_quiet_and_verbose(tmp_path, capsys):
     assert any("there is no file 'none.mtl'" in line for line in err)
     assert any(line.startswith(f"clshade: loaded {mesh}: ") and line.endswith(" ms") for line in err), err
     assert_refused(run(capsys, "-q", "render", tmp_path / "none.obj"), "none.obj")
+    assert_refused(run(capsys, "-q", *command, "--verbose"), "not allowed with argument -q/--quiet")

@@ -164,8 +164,8 @@ def test_a_launch_that_does_not_end_is_one_line(opened, results_with):
     """Even if it holds the interpreter's lock; the other tests of structs are those of an earlier process."""
     hangs = "programs.compiled = lambda *_: ctypes.PyDLL(None).sleep(60)\nisolated.main()"
     done = [check.name for check in groups.tests_of("structs", "", opened)][1:]
-    (result,), _ = results_with(hangs, "structs", done=done, limit=10.0)
-    assert result.problem == "does not end within 10 s"
+    (result,), _ = results_with(hangs, "structs", done=done, limit=5.0)
+    assert result.problem == "does not end within 5 s"
 
 
 @pytest.mark.parametrize(("code", "problem"), [

@@ -44,7 +44,7 @@ def test_every_scene(name):
 
 
 @pytest.mark.parametrize(
-    ("triangles", "p", "q"), [(18, 2, 3), (96, 1, 1), (1000, 3, 2), (12345, 5, 8), (100_000, 2, 3), (1_000_000, 2, 3)]
+    ("triangles", "p", "q"), [(18, 2, 3), (96, 1, 1), (1000, 3, 2), (12345, 5, 8), (100_000, 2, 3)]
 )
 def test_knot_is_a_closed_torus_of_so_many_triangles(triangles, p, q):
     mesh = scenes.torus_knot(triangles, p, q).meshes[0]
