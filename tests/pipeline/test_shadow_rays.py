@@ -143,7 +143,7 @@ def test_fans_are_the_same_as_one_by_one(device, mesh, offset):
             wrong = np.argwhere(is_hidden != hidden(*fans, predicate=True))
             assert not len(wrong), (wrong[:9], is_hidden[tuple(wrong[0])])
             shares.append(is_hidden.mean())
-    assert 0.02 < np.mean(shares) < 0.98
+    assert offset or 0.02 < np.mean(shares) < 0.98  # far away sheets coincide
 
 
 @pytest.mark.long
