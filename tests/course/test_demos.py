@@ -198,6 +198,17 @@ def test_the_gallery(opened, tmp_path):
 
 
 @pytest.mark.long
+def test_the_page_of_figures(opened, tmp_path):
+    done = run("figures.py", tmp_path, "quads", "--rounds", "1", "--only", "pictures")
+    assert done.returncode == 0, done.stderr
+    header, _, row = (tmp_path / "FIGURES.md").read_text().splitlines()[-3:]
+    assert header == "| seconds | cold | next | warm | png |"
+    name, *seconds = row.strip("| ").split(" | ")
+    assert name == "quads"
+    assert all(0.1 < float(value) < 300.0 for value in seconds)
+
+
+@pytest.mark.long
 def test_views_as_tensors(opened, tmp_path):
     """Of the libraries that are installed none copies."""
     done = run("tensors.py", tmp_path, "--views", "5", "--out", "new")

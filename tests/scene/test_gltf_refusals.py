@@ -132,6 +132,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
     bar: [
         ({f"{A}.JOINTS_0": np.uint8([[2] * 4] * 6)}, "JOINTS: expected indices below 2, found [2, 0, 0, 0] in row 0"),
         ({f"{A}.JOINTS_0": WEIGHT}, f"{IN_JOINTS} 6 of 4 float32"),
+        ({f"{A}.WEIGHTS_0": WEIGHT[:, :3].copy()}, IN_WEIGHTS),
         ({f"{A}.WEIGHTS_0": np.float32(np.where(np.eye(6, 4), np.nan, 0.25))}, "WEIGHTS: expected finite numbers of"),
         ({f"{A}.WEIGHTS_0": -WEIGHT}, "attributes.WEIGHTS: expected finite numbers of at least 0", "in row 0"),
         ({f"{A}.WEIGHTS_0": REMOVED}, "attributes.WEIGHTS_0: expected an index, found none"),

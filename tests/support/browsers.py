@@ -32,13 +32,9 @@ def chromium() -> Iterator[Callable[..., Any]]:
         )
 
 
-def opened(browser: Any, path: Path, width: int = 640, height: int = 400, script: str = "") -> Any:
-    """Open a page from a file and wait until it has drawn; `page.faults` gets its errors, requests and dialogs.
-
-    script: JavaScript that runs before the page's own.
-    """
+def opened(browser: Any, path: Path, width: int = 640, height: int = 400) -> Any:
+    """Open a page from a file and wait until it has drawn; `page.faults` gets its errors, requests and dialogs."""
     page = browser.new_page(viewport={"width": width, "height": height})
-    page.add_init_script(script)
     page.faults = []
     page.on("console", lambda message: page.faults.append(f"{message.type}: {message.text}"))
     page.on("pageerror", lambda error: page.faults.append(str(error)))
