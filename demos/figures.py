@@ -45,11 +45,12 @@ engine.window.render_to_image().save(sys.argv[2])
 """
 
 
-def clshade(folder: str, *words: str, cache: str = "cache", ahead: bool = True) -> float:
-    """Run a command of clshade, with the folder's cache; return its seconds."""
+def run_clshade(folder: str, *words: str, cold: bool = False) -> float:
+    """Run a command of clshade with the folder's cache, or with an empty one; return its seconds."""
     paths = [str(CHECKOUT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "XDG_CACHE_HOME": os.path.join(folder, cache)}
-    if not ahead:
+    cache = os.path.join(folder, "first" if cold else "cache")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "XDG_CACHE_HOME": cache}
+    if cold:
         environment["CLSHADE_COMPILE_AHEAD"] = "0"  # it would take time from the next command
     return run([sys.executable, "-m", "clshade", *words], environment)
 
@@ -70,12 +71,12 @@ def wait_for_programs(folder: str) -> None:  # compiled ahead; at most some minu
 def seconds_to_picture(scene: str) -> dict[str, float]:
     with TemporaryDirectory() as folder:
         render = ("render", scene, "-o", os.path.join(folder, "image"))
-        columns = {"cold": clshade(folder, *render, cache="first", ahead=False)}
-        clshade(folder, "render", OTHER, "-o", os.path.join(folder, "other"))
-        columns["next"] = clshade(folder, *render)
+        columns = {"cold": run_clshade(folder, *render, cold=True)}
+        run_clshade(folder, "render", OTHER, "-o", os.path.join(folder, "other"))
+        columns["next"] = run_clshade(folder, *render)
         wait_for_programs(folder)
-        clshade(folder, *render)
-        columns |= {"warm": clshade(folder, *render), "png": clshade(folder, *render, "--formats", "png")}
+        run_clshade(folder, *render)
+        columns |= {"warm": run_clshade(folder, *render), "png": run_clshade(folder, *render, "--formats", "png")}
         if util.find_spec("f3d") is not None and os.path.exists(scene):
             columns["f3d"] = run([sys.executable, "-c", F3D, scene, os.path.join(folder, "f3d.png")])
         return columns
@@ -98,7 +99,7 @@ def pictures(scenes: list[str], rounds: int) -> Iterable[list[Any]]:
 
 def errors(folder: str, scene: str) -> Iterable[list[Any]]:
     """Return the variants of `report` with their times and errors, fastest first."""
-    clshade(folder, "report", scene, "--resolution", "320,240", "--out", folder)
+    run_clshade(folder, "report", scene, "--resolution", "320,240", "--out", folder)
     document = json.loads(Path(folder, "report.json").read_text())
     yield [scene, "ms", "RMSE", "fastest of its error"]
     for variant in sorted(document["variants"], key=lambda variant: variant["ms"]):
@@ -109,7 +110,7 @@ def errors(folder: str, scene: str) -> Iterable[list[Any]]:
 def frames(folder: str) -> Iterable[list[Any]]:
     prefix = os.path.join(folder, "speed")
     against = ["--against", "llvmpipe"] if util.find_spec("moderngl") is not None else []
-    clshade(folder, "bench", *against, "-o", prefix)
+    run_clshade(folder, "bench", *against, "-o", prefix)
     document = json.loads(Path(prefix + ".json").read_text())
     yield ["workload", "image", "triangles", "ms", "times as fast as llvmpipe"]
     for frame in document["frames"]:
@@ -138,8 +139,9 @@ def main() -> int:
             parts += ["## Error against time", *(as_markdown(errors(folder, scene)) for scene in options.scenes)]
         if "frames" in chosen:
             parts += ["## Frames", as_markdown(frames(folder))]
-        machines = (json.loads(path.read_text()) for path in Path(folder).glob("*.json"))
-        parts += [f"On {of['machine']}; {of['device']}." for of in machines][:1]
+        for path in sorted(Path(folder).glob("*.json"))[:1]:
+            document = json.loads(path.read_text())
+            parts.append(f"On {document['machine']}; {document['device']}.")
     Path(options.out, "FIGURES.md").write_text("\n\n".join(parts) + "\n")
     return 0
 
