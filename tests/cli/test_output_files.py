@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
 from command_line import SMALL, assert_refused, listing, needs_device, run
 
 import clshade
-from clshade.images import depth_png, exr
+from clshade.farm import read_cameras
+from clshade.images import depth_png, exr, png
 from clshade.scene.builtin.scenes import builtin
 
 TURN = ("turntable", *SMALL[1:], "--count", "2")
+ROOM = ("box_room", "--resolution", "40x30", "--samples", "2")
 pytestmark = [needs_device, pytest.mark.usefixtures("folder")]
 
 
@@ -33,9 +36,10 @@ def test_formats_of_render(tmp_path, capsys):
 
 
 def test_endings_choose_formats_and_depth_its_layer(tmp_path, capsys):
+    assert run(capsys, *SMALL, "-o", "a.npz", "--quiet")[0] == 0
     assert run(capsys, *SMALL, "-o", "b.npz", "--formats", "png", "--quiet")[0] == 0
     assert run(capsys, *TURN, "-o", "c.#.npz", "--quiet")[0] == 0
-    assert listing(tmp_path) == ["b.png", "c.1.npz", "c.2.npz"]
+    assert listing(tmp_path) == ["a.npz", "b.png", "c.1.npz", "c.2.npz"]
     assert run(capsys, *SMALL[:-1], "id", "--formats", "exr,depth", "--quiet")[0] == 0
     assert {"Z", "id"} <= set(exr.read("out.exr")[0])
 
@@ -45,24 +49,29 @@ def test_a_turn_of_two_eyes_with_its_cameras(tmp_path, capsys):
     command = (*TURN, "--formats", "npz,depth", "--stereo", "0.5", "--convergence", "9", "-o", "a/f.##.exr")
     code, out, _ = run(capsys, *command, "--save-cameras", "a/c.json", "--json")
     eyes = ("left", "right")
-    names = [f"a/f.{eye}.{k:02d}.{kind}" for eye in eyes for k in (1, 2) for kind in ("depth.png", "npz")]
+    kinds = ("depth.png", "npz")
+    names = [f"a/f.{eye}.{k:02d}.{kind}" for eye in eyes for k in (1, 2) for kind in kinds]
     assert (code, listing(tmp_path)) == (0, sorted(["a", *(f"a/c.{eye}.json" for eye in eyes), *names]))
     summary = json.loads(out)
     assert [(summary[eye]["drawn"], summary[eye]["files"]) for eye in eyes] == [(2, ["npz", "depth"])] * 2
-    assert run(capsys, *command)[1].count("2 there already") == 2
+    _, out, _ = run(capsys, *command)
+    assert out.count("2 there already") == 2
+    assert f"a{os.sep}f.right.01.npz ... a{os.sep}f.right.02.npz, a depth PNG beside each" in out
     for eye in eyes:
+        cameras = read_cameras(f"a/c.{eye}.json", builtin("icosphere").camera)
         draw = ("animate", *SMALL[1:], f"a/c.{eye}.json", "-o", f"b.{eye}.##.npz", "--quiet")
         assert run(capsys, *draw)[0] == 0
-        with np.load(f"a/f.{eye}.02.npz") as first, np.load(f"b.{eye}.02.npz") as second:
-            for name in ("K", "pose"):
-                np.testing.assert_allclose(second[name], first[name], rtol=0, atol=1e-12)
-            assert np.array_equal(second["id"], first["id"])
-            np.testing.assert_allclose(second["Z"], first["Z"], rtol=1e-6)
+        for k in (1, 2):
+            with np.load(f"a/f.{eye}.{k:02d}.npz") as first, np.load(f"b.{eye}.{k:02d}.npz") as second:
+                np.testing.assert_allclose(first["K"], cameras[k - 1].to_matrix()[0], rtol=0, atol=1e-12)
+                np.testing.assert_allclose(second["pose"], first["pose"], rtol=0, atol=1e-14)
+                assert np.array_equal(second["id"], first["id"])
+                np.testing.assert_allclose(second["Z"], first["Z"], rtol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["exr", "png", "npz", "depth"])
 def test_frames_of_another_size(tmp_path, capsys, kind):
-    """Each kind alone: nothing is drawn or changed."""
+    """Each kind alone: refused in a line, nothing is drawn or changed."""
     first = ("turntable", *SMALL[1:], "--frames", "1", "--formats", kind, "-o", "f.#", "--quiet")
     assert run(capsys, *first)[0] == 0
     (name,) = listing(tmp_path)
@@ -73,14 +82,25 @@ def test_frames_of_another_size(tmp_path, capsys, kind):
     assert (tmp_path / name).read_bytes() == before
 
 
+def test_a_stereo_pair_with_magnified_crops(tmp_path, capsys):
+    command = (*SMALL, "--stereo", "0.5", "--crop-zoom", "2,3,8,6", "--json", "--formats", "png")
+    code, out, _ = run(capsys, *command)
+    assert code == 0
+    assert [entry["resolution"] for entry in json.loads(out)["stereo"].values()] == [[32, 24]] * 2
+    assert listing(tmp_path) == [
+        f"out.{eye}{ending}.png" for eye in ("left", "right") for ending in ("", "_crop", "_marked")
+    ]
+    left, right = (png.read(f"out.{eye}.png") for eye in ("left", "right"))
+    assert (left != right).any()
+
+
 # Masks
 
 
 def test_masks_stand_in_each_image(folder, capsys):
     """Those that are asked for, as Python draws them, and other readers find them."""
     pytest.importorskip("mmh3")
-    command = ("render", "box_room", "--resolution", "40x30", "--samples", "2", "-o", "room")
-    code, _, err = run(capsys, *command, "--cryptomatte", "object,material")
+    code, _, err = run(capsys, "render", *ROOM, "--cryptomatte", "object,material", "-o", "room")
     assert code == 0, err
     channels, _ = exr.read("room.exr")
     mattes = clshade.cryptomatte(clshade.render(clshade.builtin("box_room"), resolution=(40, 30), samples=2))
@@ -96,6 +116,16 @@ def test_masks_stand_in_each_image(folder, capsys):
     assert len(manifest) == len(clshade.builtin("box_room").meshes)
 
 
+def test_turntable_writes_all_kinds_of_masks_into_each_frame(folder, capsys):
+    pytest.importorskip("mmh3")
+    code, _, err = run(capsys, "turntable", *ROOM, "--count", "2", "--cryptomatte", "-o", "t.#.exr", "--formats", "exr")
+    assert code == 0, err
+    first, second = (exr.read(f"t.{number}.exr")[0] for number in (1, 2))
+    kinds = {f"Crypto{kind}" for kind in ("Object", "Material", "Instance")}
+    assert {name[:-4] for name in first if name.startswith("Crypto")} == kinds
+    assert (first["CryptoObject00.G"] != second["CryptoObject00.G"]).any()
+
+
 # Saved scenes
 
 
@@ -107,11 +137,21 @@ def test_the_saved_scene_draws_the_same_picture(capsys, tmp_path):
     assert json.loads(out)["resolution"] == [32, 24]  # standard output stays JSON
     scene = clshade.load("scene.json")
     assert (scene.preset, scene.camera.resolution, len(scene.lights)) == ("course", (32, 24), 1)
-    assert run(capsys, *SMALL, "--save-scene", "scene.GLB", "-o", "c")[0] == 0
-    assert clshade.load("scene.GLB").face_count == scene.face_count
+    binary = json.loads((tmp_path / "scene.json").read_text())["arrays"]["file"]
+    assert listing(tmp_path) == ["a.exr", "a.png", "scene.json", binary]
     code, _, err = run(capsys, "render", "scene.json", "--layers", "Z,id", "-o", "b")
     assert code == 0, err
     (first, _), (second, _) = (exr.read(tmp_path / f"{name}.exr") for name in "ab")
     assert set(first) == set(second)
     for name, channel in first.items():
         assert np.array_equal(channel.view(np.uint32), second[name].view(np.uint32)), name
+
+
+def test_a_scene_for_other_programs(capsys, tmp_path):
+    code, _, err = run(capsys, *SMALL, "--resolution", "40,20", "--save-scene", "scene.GLB", "-o", "a")
+    assert code == 0, err
+    assert listing(tmp_path) == ["a.exr", "a.png", "scene.GLB"]
+    scene = clshade.load("scene.GLB")
+    columns, rows = scene.camera.resolution
+    assert columns == 2 * rows
+    assert scene.face_count == clshade.builtin("quads").face_count

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import ROOT
 
-from clshade.errors import InputError
-from clshade.farm import orbit, parse_frames, read_cameras, write_cameras
+from clshade.errors import InputError, OutputError
+from clshade.farm import orbit, parse_frames, read_cameras, stereo_cameras, write_cameras
 from clshade.farm.camera_files import FIELDS
 from clshade.scene.camera import Camera
+from clshade.scene.geometry import camera_axes
 
 K = [[220.5, 0.0, 70.25], [0.0, 240.75, 41.5], [0.0, 0.0, 1.0]]
 POSE = [[0.0, 0.0, 1.0, 1.5], [0.0, 1.0, 0.0, -2.0], [-1.0, 0.0, 0.0, 0.25], [0.0, 0.0, 0.0, 1.0]]
@@ -47,6 +50,13 @@ def test_fields_of_a_camera(tmp_path):
     np.testing.assert_allclose(lens.to_matrix()[0], K, rtol=0, atol=1e-12)
     assert (placed.focal, placed.plane) == (BASE.focal, BASE.plane)
     np.testing.assert_allclose(placed.pose(), POSE, rtol=0, atol=1e-15)
+
+
+def test_the_readme_s_cameras(tmp_path):
+    text = (ROOT / "clshade" / "farm" / "README.md").read_text()
+    first, second, third = read(tmp_path, text.split("```json cameras.json\n")[1].split("```")[0])
+    assert (first.eye.tolist(), second.resolution) == ([-2.4, 4.9, 9.2], (640, 480))
+    assert (third.plane, third.principal) == ((0.6, 0.8), (0.5, 0.45))
 
 
 @pytest.mark.parametrize("convention", FLIP)
@@ -117,29 +127,56 @@ def test_all_kinds_of_cameras_are_written(tmp_path):
     with pytest.raises(InputError, match=r"^Camera\.pose: convention: .*did you mean 'opencv'"):
         write_cameras(tmp_path / "c.json", cameras, convention="open_cv")
     assert (tmp_path / "c.json").read_bytes() == before
+    with pytest.raises(OutputError, match="there is no folder"):
+        write_cameras(tmp_path / "none" / "c.json", cameras)
+
+
+def test_cameras_of_two_eyes():
+    turn = parse_frames("1..10000")
+    cameras = orbit(BASE, turn.numbers, turn)
+    left, right = stereo_cameras(cameras, 0.5, 4.0)
+    assert (len(left), len(right), 7 in left, 0 in right, next(iter(left))) == (10_000, 10_000, True, False, 1)
+    for eye, expected in zip((left[7], right[7]), cameras[7].stereo(0.5, 4.0), strict=True):
+        assert fields_of(eye) == fields_of(expected)
 
 
 FLAT = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
 REFUSED = [
     ([{"eye": [1, 2, 3]}, {"lokat": [0, 0, 0]}], "camera 2: ", "'lokat': did you mean 'lookat'?"),
+    ([{"zzzzzzzz": 1}], "camera 1: ", "eye, lookat, up"),
+    ([{"intrinsics": K}], "camera 1: ", "'intrinsics': did you mean 'K'?"),
+    ([{"c2w": POSE}], "camera 1: ", "'c2w': did you mean 'pose'?"),
     ({"K": K, "poses": [POSE]}, "cameras: ", "'poses': did you mean 'pose'?"),
     ([{"eye": [1, 2]}], "camera 1: eye: ", "three finite numbers"),
+    ([{"eye": [[1, 2], [3]]}], "camera 1: eye: ", ""),
+    ([{"focal": True}], "camera 1: focal: ", "number"),
     ([{"fov": 180}], "camera 1: ", "fov"),
+    ([{"fov": 1e-320}], "camera 1: ", "fov"),
     ([{"resolution": [1e9, 20]}], "camera 1: resolution N: ", ""),
     ([{"up": [0, 0, 1]}], "camera 1: up: ", "parallel"),
     ([{}, {"K": [[220.5, 0.5, 70.25], *K[1:]]}], "camera 2: K: ", "found a skew of 0.5"),
+    ([{"pose": FLAT}], "camera 1: pose: ", "found a singular matrix"),
+    ([{"pose": POSE[:2]}], "camera 1: pose: ", "(4, 4) or (3, 4) matrix"),
     ([{"K": [["1", 0, 0], *K[1:]]}], "camera 1: K: ", MATRIX),
     ([{"fov": 40, "focal": 1}], "camera 1: fov: ", "either fov or focal"),
+    ([{"K": K, "fov": 40}], "camera 1: K: ", "either K or fov"),
+    ([{"K": K, "principal": [0.5, 0.5]}], "camera 1: K: ", "either K or principal"),
     ([{"pose": POSE, "eye": [0, 0, 1]}], "camera 1: pose: ", "either pose or eye"),
     ([{"convention": "opengl"}], "camera 1: convention: ", "expected pose beside it, found none"),
+    ([{"pose": POSE, "pixel_center": 0}], "camera 1: pixel_center: ", "expected K beside it"),
     ([{"pose": POSE, "convention": "openGl"}], "camera 1: convention: ", "did you mean 'opengl'?"),
     ([{"K": K, "pixel_center": [0]}], "camera 1: pixel_center: ", "expected 0.5 or 0, found [0]"),
     ({"K": [K] * 3, "pose": [POSE] * 2}, "pose: ", "expected as many as of K, 3, found 2"),
     ({"K": K, "pose": [POSE, FLAT]}, "camera 2: pose: ", "singular"),
+    ({"K": [K, POSE], "pose": [POSE] * 2}, "camera 2: K: ", MATRIX),
+    ({"K": K, "pose": POSE}, "JSON: ", "a list of cameras, [{...}, ...], or an object"),
+    ([[1, 2, 3]], "camera 1: ", "an object"),
     ([], "JSON: ", "a list of cameras, [{...}, ...], found an empty list"),
+    ("3", "JSON: ", "a list of cameras"),
     ('[{"eye": [1,2,3], "eye": [3,2,1]}]', "JSON: ", "the key eye twice"),
     ("[{}", "JSON: ", "line 1, column 4"),
+    (f'[{{"focal": 1{"0" * 400}}}]', "camera 1: focal: ", ""),
     (f'[{{"focal": 1{"0" * 5000}}}]', "JSON: ", "a whole number of 5001 digits"),
     ("[" + "1," * 2_200_000 + "1]", "JSON: ", "at most"),
 ]
@@ -155,8 +192,15 @@ def test_refused_files(tmp_path, value, place, part):
     assert "\n" not in message
 
 
-@pytest.mark.parametrize("name", ["K", "convention", "eye", "focal", "resolution"])
+@pytest.mark.parametrize("name", ["K", "pose", "convention", "pixel_center", "eye"])
 def test_lists_nested_deeply_and_infinity(tmp_path, name):
     for value in ("[" * 900 + "]" * 900, "[[1e999, 0, 0], [0, 1, 0], [0, 0, 1]]", "1e999"):
         with pytest.raises(InputError, match=rf"/cameras\.json: camera 1: {name}: expected "):
             read(tmp_path, f'[{{"{name}": {value}}}]')
+
+
+def test_a_camera_straight_above_needs_no_up(tmp_path, capsys):
+    (camera,) = read(tmp_path, [{"eye": [0, 9, 0], "lookat": [0, 0, 0]}], replace(BASE, up=(0, 1, 0)))
+    assert np.allclose(camera_axes(camera), [[1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-9)
+    message = "cameras.json: camera 1: it looks along 0,1,0, its up vector: 0,0,-1 is up in the image\n"
+    assert capsys.readouterr().err == f"clshade: {tmp_path}/{message}"

@@ -92,8 +92,12 @@ FLOATS = {**PLANES, "object_id": np.float32(OBJECTS)}
     [
         ({"instance_id": INSTANCES}, "{}", "b.json", "a.exr: layers: expected the layers instance_id and object_id"),
         (FLOATS, "{}", "b.json", "a.exr: layers: expected whole numbers"),
+        (PLANES, "[]", "b.json", f"{NAMES} something else"),
+        (PLANES, 3, "b.json", f"{NAMES} something else"),
         (PLANES, '{"one": "cat"}', "b.json", f"{NAMES} something else"),
+        (PLANES, "{", "b.json", JSON + " Expecting property name"),
         (PLANES, "[" * 100_000, "b.json", JSON + " too deep a nesting"),
+        (PLANES, '{"1": null}', "b.json", "a.exr: objectNames: expected names that are texts, found others"),
         (PLANES, "{}", "b.txt", "--output: expected a file name that ends in .json"),
     ],
 )

@@ -43,7 +43,7 @@ def path(tmp_path):
 
 
 @pytest.mark.parametrize("compression", LOSSLESS)
-@pytest.mark.parametrize("shape", [(1, 1), (67, 75), (1, 16384)])
+@pytest.mark.parametrize("shape", [(1, 1), (67, 75), (1, 16384), (16384, 1)])
 def test_round_trip_bit_for_bit(path, compression, shape):
     names = ["R", "G", "B", "A", "Z", "N.X", "uv.V"] if max(shape) < 100 else ["R", "Z"]
     planes = {name: np.roll(noise(shape), k) for k, name in enumerate(names)}
@@ -94,6 +94,35 @@ def test_lossy_compressions_change_the_channels_that_they_name(path, compression
         assert plane.dtype.kind == "u" or np.abs(plane - exact).max() < 0.2, name
 
 
+def test_arrays_that_are_not_contiguous(path):
+    image = noise((13, 11, 4)).copy()
+    image.flags.writeable = False
+    planes = {"R": image[::-1, :, 0], "G": image[:, ::-1, 1], "B": image[..., 2], "Z": noise((11, 13)).T}
+    planes["Y"] = noise((26, 22))[::2, 1::2]
+    exr.write(path, planes)
+    channels, _ = exr.read(path)
+    for name, plane in planes.items():
+        same(channels[name], plane)
+
+
+def test_layers_get_their_channel_names(path):
+    image, wide = noise((3, 5, 3)), noise((3, 5, 4))
+    layers = {"RGBA": wide, "N": image, "P": image, "albedo": image, "uv": image[..., :2], "Z": image[..., 0]}
+    exr.write(path, layers)
+    assert list(layers) == ["RGBA", "N", "P", "albedo", "uv", "Z"]
+    channels, _ = exr.read(path)
+    names = ["R", "G", "B", "A", "N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z", "albedo.R", "albedo.G", "albedo.B"]
+    names += ["uv.U", "uv.V", "Z"]
+    assert set(channels) == set(names)
+    for name, plane in zip(names, np.dstack(list(layers.values())).transpose(2, 0, 1), strict=True):
+        same(channels[name], plane)
+    for colors, letters in ((image, "RGB"), (wide, "RGBA")):
+        exr.write(path, colors)
+        channels, _ = exr.read(path)
+        assert list(channels) == list(letters)
+        same(channels[letters[-1]], colors[..., -1])
+
+
 def test_bytes_of_pixels_and_matrices(path):
     """Parsed without OpenEXR: chunks hold y, size, then the channels of a row in alphabetical order; row 0 is on top.
     Imath's M44f is used with row vectors: the translation is the last row, so the 15th of 16 floats is z."""
@@ -104,6 +133,21 @@ def test_bytes_of_pixels_and_matrices(path):
     assert data.endswith(rows[0] + rows[1])
     assert b"colorInteropID\0string\0" in data
     assert b"worldToCamera\0m44f\0" + struct.pack("<i16f", 64, *range(16)) in data
+
+
+@pytest.mark.parametrize(
+    ("plane", "stored"),
+    [
+        (np.float64([[0.1, 3e38]]), np.float32([[0.1, 3e38]])),
+        (np.float16([[0.5, 2]]), np.float32([[0.5, 2]])),
+        (np.array([[1, 2]], ">f4"), np.float32([[1, 2]])),
+        (np.array([[True, False]]), np.uint32([[1, 0]])),
+        (np.array([[0, 2**32 - 1]], np.int64), np.uint32([[0, 2**32 - 1]])),
+    ],
+)
+def test_other_types_of_numbers(path, plane, stored):
+    assert exr.write(path, {"G": plane}) == []
+    same(exr.read(path)[0]["G"], stored)
 
 
 def test_half_and_its_warnings(path):
@@ -138,9 +182,16 @@ def test_header_values(path):
     assert {name: header[name] for name in expected} == expected
     assert header["pixelAspectRatio"] == np.float32((1.0 / 40) / (1.5 / 30))
     assert header["dataWindow"] == header["displayWindow"] == (0, 0, 3, 2)
+    exr.write(path, noise((3, 4, 3)), metadata={"renderTimeSeconds": None})
+    _, header = exr.read(path)
+    assert (header["software"], header["pixelAspectRatio"]) == ("clshade", 1.0)
+    assert "renderTimeSeconds" not in header
 
 
-@pytest.mark.parametrize("changes", [{"principal": (0.25, 0.875)}, {"orthographic": True, "principal": (-0.5, 0.6)}])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"principal": (0.25, 0.875)}, {"orthographic": True}, {"orthographic": True, "principal": (-0.5, 0.6)}],
+)
 def test_camera_matrices_put_points_where_the_renderer_does(changes):
     camera = replace(CAMERA, **changes)
     to_camera, to_ndc = camera_matrices(camera)
@@ -156,6 +207,32 @@ def test_camera_matrices_put_points_where_the_renderer_does(changes):
     assert np.allclose(projected[:, 1], 1.0 - v / camera.resolution[1], rtol=1e-11, atol=1e-11)
 
 
+def test_data_window(path):
+    image = np.zeros((8, 9, 3), np.float32)
+    image[2:5, 3:8] = noise((3, 5, 3))
+    for window, (x0, y0, x1, y1) in (("drawn", (3, 2, 7, 4)), ((4, 2, 6, 3), (4, 2, 6, 3))):
+        exr.write(path, image, window=window)
+        channels, header = exr.read(path)
+        assert (header["displayWindow"], header["dataWindow"]) == ((0, 0, 8, 7), (x0, y0, x1, y1))
+        expected = np.zeros_like(image)
+        expected[y0 : y1 + 1, x0 : x1 + 1] = image[y0 : y1 + 1, x0 : x1 + 1]
+        for k, name in enumerate("RGB"):
+            same(channels[name], expected[..., k])
+
+
+def test_the_drawn_window_holds_all_that_is_not_0():
+    blank = np.zeros((6, 5), np.float32)
+    assert exr.drawn_window({"R": blank}) == (0, 0, 0, 0)
+    for value in (1e-45, np.nan, -0.0, np.inf):
+        plane = blank.copy()
+        plane[4, 1] = value
+        assert exr.drawn_window({"R": blank, "G": plane}) == (1, 4, 1, 4)
+    ids = np.zeros((6, 5), np.uint32)
+    ids[2, 3] = 1
+    assert exr.drawn_window({"G": plane, "id": ids}) == (1, 2, 3, 4)
+    assert exr.drawn_window({"Z": np.full((6, 5), np.inf)}) == (0, 0, 4, 5)
+
+
 IMAGE = np.zeros((2, 2, 3))
 
 
@@ -163,14 +240,25 @@ IMAGE = np.zeros((2, 2, 3))
     ("channels", "options", "message"),
     [
         ({"R": np.zeros((2, 2)), "G": np.zeros((2, 3))}, {}, "all of the same shape"),
+        ({}, {}, "at least one"),
         ({"R": np.zeros((0, 3))}, {}, "expected an array of shape (M, N)"),
+        ({"R": np.zeros(3)}, {}, "expected an array of shape (M, N)"),
+        ({"N": np.zeros((2, 2, 4))}, {}, "expected shape (M, N, 3)"),
+        (np.zeros((2, 2, 2)), {}, "expected shape (M, N, 3)"),
         ({"RGB": IMAGE, "G": np.zeros((2, 2))}, {}, "found two"),
+        ({"": np.zeros((2, 2))}, {}, "names of at least one letter"),
         ({"id": np.array([[-1]])}, {}, "whole numbers from 0 to 2^32-1"),
+        ({"id": np.array([[2**32]])}, {}, "whole numbers from 0 to 2^32-1"),
         ({"R": np.array([["x"]])}, {}, "found type"),
+        ({"R": np.array([[1j]])}, {}, "found type"),
         ({"Z": np.ones((9, 9))}, {"compression": "pxr24"}, "a lossless one for layers without R, G, B or A, found"),
+        (IMAGE, {"compression": "lzma"}, "expected one of none, rle"),
+        (IMAGE, {"metadata": {"n": 2**31}}, "a whole number of 32 bits"),
+        (IMAGE, {"metadata": {"n": [1, 2]}}, "a whole number of 32 bits"),
         (IMAGE, {"metadata": {"type": "x"}}, "the name of an attribute"),
         (IMAGE, {"metadata": {"pixelAspectRatio": 0.0}}, "from 1e-6 to 1e6"),
         (IMAGE, {"window": (0, 0, 2, 1)}, "inside 2 x 2 pixels"),
+        (IMAGE, {"window": "auto"}, "drawn, covered or None"),
     ],
 )
 def test_refused_arguments(path, channels, options, message):

@@ -39,6 +39,7 @@ def assert_equals_oracle(pixels, operator, exposure):
 @pytest.mark.parametrize("operator", SEPARATE)
 @pytest.mark.parametrize("exposure", EXPOSURES)
 def test_every_threshold(operator, exposure):
+    """Both sides of all 255 steps, exactly; the oracle itself must step there."""
     values = steps(operator, exposure)
     assert oracle(values[:, 2], operator, exposure).tolist() == list(range(1, 256))
     assert oracle(values[:, 1], operator, exposure).tolist() == list(range(255))
@@ -105,6 +106,44 @@ def test_values_by_hand(operator, codes):
         assert convert(image(list(codes)), operator)[0, :, 0].tolist() == list(codes.values())
 
 
+def test_exposure_comes_before_the_operator():
+    values = np.linspace(0, 3, 3000).astype(np.float32)
+    for operator in OPERATORS:
+        assert np.array_equal(tonemap(image(values), operator, 2.0), tonemap(image(values * 4), operator, 0.0))
+        assert np.array_equal(tonemap(image(values), operator, -1.0), tonemap(image(values / 2), operator, 0.0))
+    assert (tonemap(image([0.25]), "srgb", 1) == 188).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (331, 99, 3), (0, 4, 3), (104, 105, 3)])
+def test_sizes_and_layouts(shape):
+    pixels = np.random.default_rng(1).exponential(0.5, shape).astype(np.float32)
+    assert_equals_oracle(pixels, "srgb", 0.0)
+    pixels.flags.writeable = False
+    wide = np.concatenate([pixels, pixels[..., :1]], axis=2)
+    for view in (pixels[::-1], pixels[:, ::-1], pixels[..., ::-1], pixels.transpose(1, 0, 2), wide[..., :3]):
+        assert_equals_oracle(view, "srgb", 0.0)
+    assert_equals_oracle(pixels.astype(np.float64)[::-1], "aces", 0.0)
+
+
+def test_the_comparison_notices_one_threshold_off_by_one_float(monkeypatch):
+    """Move one of the 255 thresholds to the next float: the test above must fail."""
+    right = tm._thresholds
+
+    def planted(*arguments):
+        moved = right(*arguments)
+        moved[99] += 1
+        return moved
+
+    values = steps("srgb", 0.0)
+    monkeypatch.setattr(tm, "_thresholds", planted)
+    tm._table.cache_clear()
+    try:
+        with pytest.raises(AssertionError, match="3 wrong, first"):
+            assert_equals_oracle(image(values), "srgb", 0.0)
+    finally:
+        tm._table.cache_clear()
+
+
 COLORS = np.exp(np.random.default_rng(3).uniform(-9, 5, (40, 30, 3)))
 
 
@@ -135,7 +174,7 @@ def test_neutral_keeps_base_colors_and_hues():
 @pytest.mark.parametrize(
     ("entry", "value"),
     # Of the 4096 entries of LUTs/AgX_Default_Contrast.spi1d, github.com/sobotka/AgX, commit 1ba3230.
-    [(3085, 0.7830822), (3086, 0.7834943), (4094, 0.9999292)],
+    [(3085, 0.7830822), (3086, 0.7834943), (4093, 0.9998583), (4094, 0.9999292), (4095, 1.0)],
 )
 def test_agx_is_the_published_curve(entry, value):
     grey = 0.18 * 2.0 ** (16.5 * entry / 4095 - 10.0)
@@ -169,3 +208,20 @@ def test_display_values_are_what_is_rounded_to_codes(operator):
     assert (operator in JOINT and displayed[0, 0, 1] == 0.0) or displayed[0, 0].tolist() == [0.0, 0.0, displayed.max()]
     with pytest.raises(InputError, match="exposure"):
         display_values(values, operator, np.nan)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ((np.zeros((2, 2)),), "rgb"),
+        ((np.zeros((2, 2, 4)),), "rgb"),
+        ((np.zeros((2, 2, 3), np.uint8),), "rgb"),
+        ((np.zeros((2, 2, 3)), "filmic"), "operator"),
+        ((np.zeros((2, 2, 3)), "srgb", np.nan), "exposure"),
+        ((np.zeros((2, 2, 3)), "srgb", 301), "exposure"),
+        ((np.zeros((2, 2, 3)), "srgb", "bright"), "exposure"),
+    ],
+)
+def test_refused_arguments(arguments, name):
+    with pytest.raises(InputError, match=f"^tonemap: {name}: expected .*found"):
+        tonemap(*arguments)

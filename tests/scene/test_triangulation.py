@@ -15,6 +15,7 @@ from clshade.scene import triangulate
 from clshade.scene.formats.load import load
 from clshade.scene.triangulate import triangulated
 
+SCALES = (1.0, 1e30, 1e-30, 1e300, 1e-300)
 DART = [[0, 4, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0]]
 
 
@@ -100,17 +101,29 @@ def uncrossed(points: np.ndarray) -> np.ndarray:
     return points[order]
 
 
-def test_convex_polygons_stay_fans():
-    octagon = in_space(star([1.0] * 8), 4)
+def test_corners_keep_their_uvs_and_normals(tmp_path):
+    text = "".join("v {} {} {}\nvt {} {}\n".format(*corner, *corner[:2]) for corner in DART)
+    text += "vn 0 0 1\nvn 0 0 2\nf 3/3/1 4/4/2 5/5/1 1/1/2 2/2/2\nf 1/1/1 2/2/1 3/3/1\n"
+    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
+    assert mesh.faces.tolist()[-1] == [0, 1, 2]
+    uvs = mesh.uvs[mesh.uv_faces]
+    assert np.array_equal(uvs[:, :, 0], mesh.verts[mesh.faces][:, :, 0])
+    assert np.array_equal(1 - uvs[:, :, 1], mesh.verts[mesh.faces][:, :, 1])
+    expected = np.where(np.isin(mesh.faces[:3], [3, 0, 1]), 2.0, 1.0)
+    assert np.array_equal(mesh.normals[mesh.normal_faces[:3]][:, :, 2], expected)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_convex_polygons_stay_fans(scale):
+    octagon = in_space(star([1.0] * 8), 4) * scale
     with_middles = np.stack([octagon, (octagon + np.roll(octagon, -1, axis=0)) / 2], axis=1).reshape(-1, 3)
     for verts in (octagon[:4], octagon, octagon[::-1], with_middles):
         assert cut_one(verts).tolist() == fan(len(verts))
-        assert cut_one(verts.astype(np.float32)).tolist() == fan(len(verts))
+        assert cut_one(verts.astype(np.float32) if scale == 1.0 else verts).tolist() == fan(len(verts))
 
 
-def test_order_of_polygons_and_their_numbers(monkeypatch):
+def test_order_of_polygons_and_their_numbers():
     """Triangles, quadrilaterals and others alternate: each polygon's triangles are contiguous and in order."""
-    monkeypatch.setattr(triangulate, "_BLOCK", 20)
     rng = np.random.default_rng(1)
     polygons = [star(list(rng.uniform(0.1, 1, n))) for n in rng.integers(3, 9, 200)]
     verts = np.concatenate([in_space(points, k) for k, points in enumerate(polygons)])
@@ -126,7 +139,7 @@ def test_order_of_polygons_and_their_numbers(monkeypatch):
     assert cuts.left == 0
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e300, 1e-300])
+@pytest.mark.parametrize("scale", SCALES)
 def test_any_magnitude(scale):
     verts = in_space(star([1, 0.2, 1, 0.3, 1, 0.2, 1, 0.1]), 5)
     expected = assert_cut(verts)
@@ -185,6 +198,32 @@ def test_concave_polygons(corners, area, is_flat):
         assert set(triangles.reshape(-1).tolist()) == set(range(len(verts)))
 
 
+def test_non_planar_polygons():
+    """Corners off the plane: the triangulation is valid in projection along Newell's normal."""
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        points = uncrossed(rng.random((9, 2)))
+        verts = np.concatenate([points, rng.normal(0, 0.02, (9, 1))], axis=1)
+        triangles = cut_one(verts)
+        assert_edges_are_met(9, triangles)
+        area = newell(verts)
+        assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-12)
+
+
+CROSSED = {
+    "bow-tie": ([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]], fan(4)),
+    "lopsided bow-tie": ([[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0]], fan(4)),
+    "no area": ([[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3], [1, 1, 1]], fan(5)),
+    "one point": ([[1, 2, 3]] * 6, fan(6)),
+    "there and back": ([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]], fan(4)),
+}
+
+
+@pytest.mark.parametrize(("verts", "expected"), CROSSED.values(), ids=list(CROSSED))
+def test_what_has_no_inside_stays_a_fan(verts, expected):
+    assert cut_one(verts).tolist() == expected
+
+
 @given(st.integers(4, 30), st.integers(0, 1 << 32), st.sampled_from([0, 1, 9]))
 def test_polygons_that_cross_themselves(count, seed, digits):
     """The result has the polygon's edges, hence its area, and no more flipped area than a fan."""
@@ -212,3 +251,25 @@ def test_polygons_that_would_take_too_long_are_fans_and_told(tmp_path, monkeypat
         scene = load(path)
     assert scene.meshes[0].faces[:68].tolist() == fan(70)
     assert scene.meshes[0].faces[68:].tolist() != (np.array(fan(5)) + 70).tolist()  # small ones always
+
+
+def test_large_polygons_are_looked_at_first(monkeypatch):
+    monkeypatch.setattr(triangulate, "_UNCHECKED", 64)
+    zigzag = np.random.default_rng(4).random((100, 2))
+    for points, left in ((star(list(np.random.default_rng(5).uniform(0.2, 1, 100))), 0), (zigzag, 1)):
+        verts = in_space(points, 6)
+        faces, cuts = cut(verts, np.arange(100, dtype=np.int32), np.array([100]))
+        assert cuts.left == left
+        assert (faces.tolist() == fan(100)) == bool(left)
+    monkeypatch.setattr(triangulate, "_PAIRS", 10)
+    assert triangulate._crosses(star([0.2, 1.0] * 50)) == (True, 0)
+
+
+def test_blocks_and_groups_change_nothing(monkeypatch):
+    rng = np.random.default_rng(8)
+    counts = rng.integers(3, 8, 300)
+    verts = rng.random((int(counts.sum()), 3))
+    corners = np.arange(len(verts), dtype=np.int32)
+    expected, _ = cut(verts, corners, counts)
+    monkeypatch.setattr(triangulate, "_BLOCK", 20)
+    assert np.array_equal(cut(verts, corners, counts)[0], expected)

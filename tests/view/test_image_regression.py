@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from command_line import listing, needs_device
-from processes import ROOT, python
+from processes import ROOT
 
 import clshade
 from clshade.errors import InputError, OutputError
@@ -21,7 +21,7 @@ from clshade.images import compare_figure, png  # noqa: F401  (imported once: ru
 from clshade.images.image_file import read_picture
 from clshade.pipeline.frame import Frame
 from clshade.view import page  # noqa: F401
-from clshade.view.regression import image_regression
+from clshade.view.regression import image_regression, plugin
 
 pytest_plugins = ["pytester"]
 PLUGIN = "clshade.view.regression.plugin"
@@ -153,8 +153,10 @@ def fixture(opened, request, tmp_path):
     ("arguments", "options", "message"),
     [
         ((3,), {}, "clshade_image_regression: scene: expected a Scene or a Frame, found 3"),
+        (("teapot", ""), {}, "clshade_image_regression: name: expected 1 to 60 letters, digits, _, - and ., or None"),
         (("teapot", "a/b"), {}, "clshade_image_regression: name: expected 1 to 60 letters"),
         (("teapot",), {"smaples": 4}, "did you mean 'samples'?"),
+        (("teapot",), {"nme": "x"}, "did you mean 'name'?"),
         (("teapot",), {"samples": 65}, "Settings: samples: expected"),
     ],
 )
@@ -184,6 +186,7 @@ def test_a_frame_has_no_options_and_each_image_a_name_of_its_own(fixture):
 
 
 def problems(compare, frame: Frame) -> list[str]:
+    """Return the lines that say how a frame differs."""
     with pytest.raises(pytest.fail.Exception) as caught:
         compare(frame)
     return [line.strip() for line in str(caught.value).splitlines()[1:-2]]
@@ -245,14 +248,29 @@ def test_a_folder_that_cannot_be_written(fixture, tmp_path, monkeypatch):
         assert listing(tmp_path) == []
 
 
+def test_where_the_files_of_a_difference_cannot_be_written(fixture, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(pytest.fail.Exception) as caught:
+        fixture()(flat())
+    _, second, last = str(caught.value).splitlines()
+    assert "cannot be written" in second
+    assert last.endswith(" --clshade-update")
+    assert listing(tmp_path) == ["out"]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("", "file: expected content, found an empty file"),
         ("{", "JSON: expected a library of images, found Expecting property name"),
         ("{}", "clshade_images: expected version 1, found none"),
+        ('{"clshade_images": true, "images": {}}', "clshade_images: expected version 1, found True"),
+        ('{"clshade_images": 1, "image": {}}', "found 'image': did you mean 'images'?"),
         ('{"clshade_images": 1, "images": {"a": {}, "a": {}}}', "found 'the key a twice'"),
+        ('{"clshade_images": 1, "images": {"a": 1}}', "images, 'a': expected an object, found 1"),
         ('{"clshade_images": 1, "images": {"a": {"Z": "%s"}}}', "images, 'a': expected rgba among its keys, found Z"),
         ('{"clshade_images": 1, "images": {"a": {"rgba": "%s0"}}}', "'a', rgba: expected type, shape and SHA-256"),
+        ('{"clshade_images": 1, "images": {"a": {"objectid": "%s"}}}', "'objectid': did you mean 'object_id'?"),
     ],
 )
 def test_bad_libraries(fixture, tmp_path, text, message):
@@ -265,6 +283,23 @@ def test_bad_libraries(fixture, tmp_path, text, message):
         assert message in str(caught.value)
         assert "\n" not in str(caught.value)
         assert path.read_text() == text.replace("%s", DIGEST)
+
+
+def test_names_of_files_tell_images_apart():
+    keys = ["test_a", "test_A", "test_b[a/b]", "test_b[a-b]", "test_b[ü]", "x" * 300, "x" * 299, "..", "."]
+    names = [image_regression.file_name(key) for key in keys]
+    assert names[0] == "test_a"
+    assert len({name.lower() for name in names}) == len(keys)
+    assert all(re.fullmatch(r"[A-Za-z0-9_.-]{1,100}", name) and name not in (".", "..") for name in names)
+
+
+def test_hashes_are_those_of_the_bytes_on_any_machine():
+    values = np.arange(6, dtype=np.float32).reshape(2, 3)
+    digest = image_regression.digest
+    assert digest(values) == digest(values.astype(">f4")) == digest(np.asfortranarray(values))
+    assert digest(values) != digest(values.T.copy())
+    assert digest(values) != digest(values.view(np.uint32))
+    assert digest(np.zeros(1)) != digest(-np.zeros(1))
 
 
 WRITER = """
@@ -301,8 +336,55 @@ def test_a_library_that_stays_locked_or_is_a_folder(tmp_path, monkeypatch):
 # The plugin
 
 
-def test_it_is_installed_and_costs_nothing_before_a_test_asks_for_an_image():
+def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch):
+    """Installed as a distribution with this entry point alone: found, loaded, and nothing heavy with it."""
     entry = re.escape(f'[project.entry-points.pytest11]\nclshade = "{PLUGIN}"\n')
     assert re.search(f"^{entry}", (ROOT / "pyproject.toml").read_text(), re.M)
-    heavy = '{"numpy", "pyopencl", "matplotlib", "OpenEXR", "PIL"}'
-    assert python(f"import sys, {PLUGIN}; assert not {heavy} & set(sys.modules)", "").returncode == 0
+    installed = pytester.path / "installed" / "clshade_plugin-1.dist-info"
+    installed.mkdir(parents=True)
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: clshade-plugin\nVersion: 1\n")
+    (installed / "entry_points.txt").write_text(f"[pytest11]\nclshade = {PLUGIN}\n")
+    pytester.makepyfile(
+        """
+        import sys
+        def test_heavy(request):
+            assert request.config.pluginmanager.has_plugin("clshade")
+            assert not {"numpy", "pyopencl", "matplotlib", "OpenEXR", "PIL"} & set(sys.modules)
+        """
+    )
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(installed.parent), str(ROOT)]))
+    exclusions = [f"-pno:{name}" for name in ("hypothesispytest", "anyio")]
+    pytester.runpytest_subprocess(*exclusions).assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize("plugin", ["regressions", "others"])
+def test_another_plugin_keeps_its_fixture_of_the_same_name(pytester, run, plugin):
+    """Without one, the short name is the same fixture."""
+    test = "def test(image_regression, clshade_image_regression):\n    assert {} == clshade_image_regression\n"
+    pytester.makepyfile(test_short=test.format("image_regression"))
+    run("test_short.py", passed=1)
+    theirs = "import pytest\n@pytest.fixture\ndef image_regression():\n    return 'theirs'\n"
+    other = test.replace("{} ==", "image_regression == 'theirs' !=")
+    pytester.makepyfile(**{plugin: theirs, "test_both": other})
+    pytester.syspathinsert()
+    run("-p", plugin, "test_both.py", passed=1)
+
+
+def test_the_fixtures_are_listed_with_what_they_do(pytester, run):
+    out, usage = (pytester.runpytest_inprocess("-p", PLUGIN, name).stdout.str() for name in ("--fixtures", "--help"))
+    line = r"^clshade_image_regression -- .*\n    Draw a scene and compare image and layers, bit for bit"
+    assert re.search(line, out, re.M)
+    assert {plugin.UPDATE, plugin.OUT} <= set(re.findall(r"--clshade-\w+", usage))
+
+
+@pytest.mark.long
+@needs_device
+def test_processes_of_xdist_renew_a_library(project, pytester, monkeypatch):
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    arguments = ("-p", PLUGIN, "-p", "xdist")
+    done = pytester.runpytest_subprocess(*arguments, "-n", "2", "--dist", "load", "--clshade-update")
+    done.assert_outcomes(passed=3)
+    assert "\n5 created\n" in done.stdout.str()
+    assert list(image_regression.read_library(pytester.path / "test_pot_images.json")) == KEYS
+    pytester.runpytest_subprocess(*arguments).assert_outcomes(passed=3)

@@ -14,12 +14,18 @@ from PIL import Image
 
 import clshade
 from clshade import Camera, exr
+from clshade.cli import frames as command
 from clshade.errors import InputError
 from clshade.images import png
 from clshade.view import draw_poster, poster
+from clshade.view.frame_folder import FrameFolder
 
 SIZE = (150, 100)
 SCENE = clshade.builtin("icosphere", level=2)
+
+
+def test_the_command_has_the_default_of_the_function():
+    assert command.TILE == poster.TILE
 
 
 def draw(name: str = "p", **options):
@@ -28,6 +34,7 @@ def draw(name: str = "p", **options):
 
 
 def assert_same_images(folder: Path, name: str, **options) -> None:
+    """As `clshade.render` draws them at once."""
     frame = clshade.render(SCENE, resolution=SIZE, layers=("Z", "id"))
     frame.save(folder / "whole", **options)
     one, header = exr.read(folder / f"{name}.exr")
@@ -99,6 +106,13 @@ def test_tiles_that_are_kept_are_images(folder):
 
 @needs_device
 @pytest.mark.long
+def test_workers_draw_the_same(folder):
+    draw(workers=2)
+    assert_same_images(folder, "p")
+
+
+@needs_device
+@pytest.mark.long
 def test_one_larger_than_can_be_drawn_at_once(folder):
     """A tile of it has the ids that a camera of its own sees; the header says how large it is."""
     oiio = pytest.importorskip("OpenImageIO")
@@ -121,10 +135,15 @@ def test_one_larger_than_can_be_drawn_at_once(folder):
 
 REFUSED = [
     ({"tile": 100}, "tile: expected a power of two"),
+    ({"tile": 8}, "tile: expected a whole number from 16 to 8192"),
     ({"saving": {"files": ("exr", "npz")}}, "files: expected exr, png or both"),
     ({"saving": {"colorbar": True}}, "colorbar: cannot go with tiles"),
+    ({"workers": 0}, "workers"),
+    ({"saving": {"exposre": 1.0}}, "exposre"),
     ({"saving": {"compression": "dwaa"}, "layers": ("N",)}, "compression: expected a lossless one with layers"),
     ({"tile": 8192, "layers": "all"}, r"less than 2\^31 bytes"),
+    ({"resolution": ()}, "resolution"),
+    ({"resolution": (0, 5)}, "resolution"),
     ({"resolution": (200_000, 5)}, "resolution"),
 ]
 
@@ -149,7 +168,28 @@ def test_the_command(folder, capsys):
     assert (figures["poster"]["resolution"], figures["drawn"]) == ([90, 70], 4)
     assert run(capsys, *command, "--quiet")[:2] == (0, "")
     assert listing(folder) == ["p.exr", "p.png"]
-    assert_refused(run(capsys, "poster", "icosphere", "--quiet"), "--resolution", "found none")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        ((), ("--resolution", "found none")),
+        (("--resolution", "200000x5"), ("resolution N", "200000")),
+        (("--resolution", "90x70", "--formats", "depth"), ("files", "exr, png or both", "depth")),
+    ],
+)
+def test_refused_command_lines(folder, capsys, arguments, parts):
+    assert_refused(run(capsys, "poster", "icosphere", "--quiet", *arguments), *parts)
+    assert listing(folder) == []
+
+
+def test_a_folder_of_something_else_is_refused(folder):
+    (folder / "p.tiles").mkdir()
+    (folder / "p.tiles" / "0001.exr").write_text("of somebody else")
+    with pytest.raises(InputError, match=r"p\.tiles: expected a folder with tiles of this poster, or none"):
+        draw()
+    with FrameFolder("q", "poster", "tiles").of("digest", kept=False):
+        assert listing(folder / "q.tiles") == ["lock", "poster.json"]
 
 
 def one_tile(value: float = 1.0, **options) -> bytes:
@@ -161,14 +201,19 @@ def one_tile(value: float = 1.0, **options) -> bytes:
 @pytest.mark.parametrize(
     ("damaged", "problem"),
     [
+        (None, ""),
         (b"", "something else"),
+        (b"\x76\x2f\x31\x01\x02", "damaged"),
         (one_tile()[:-1], "does not end with its pixels"),
+        (one_tile() + b"x", "does not end with its pixels"),
         (one_tile()[:-200], "damaged|does not end"),
+        (one_tile(compression="piz"), "other compression"),
         (one_tile(half=True), "other channels"),
     ],
 )
 def test_files_that_are_no_tiles_of_it_are_refused(folder, damaged, problem):
-    (folder / "0.exr").write_bytes(damaged)
+    if damaged is not None:
+        (folder / "0.exr").write_bytes(damaged)
     (folder / "whole.exr").write_bytes(one_tile())
     start = poster.tiled_header("whole.exr", (5, 3), 8, {})
     with pytest.raises(InputError, match=rf"0\.exr: file: expected a tile of this image.*{problem}"):
