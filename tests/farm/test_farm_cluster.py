@@ -6,6 +6,7 @@ import contextlib
 import signal
 import socket
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from command_line import assert_refused, needs_device, run
 from farm_jobs import job
 
 from clshade.errors import DeviceError, InputError, WorkerError
-from clshade.farm.job import DrawnFrame, FrameWriter, Job, Lost, Task
+from clshade.farm import dispatch
+from clshade.farm.job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
 
@@ -67,13 +69,34 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
 
 
 @pytest.mark.long
+def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
+    """The other worker draws its frames, and in the next run, of which the stopped one never hears, all of them."""
+    monkeypatch.setattr(dispatch, "SILENT", 2.0)
+    monkeypatch.setattr(cluster_module, "SILENT", 2.0)
+    workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
+    cluster.wait_for_workers(2)
+    reports: list[DrawnFrame | Lost | Silent] = []
+    for report in cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT, 3.0):
+        reports.append(report)
+        if len(reports) == COUNT // 4:
+            assert isinstance(report, DrawnFrame)
+            workers[int(report.worker.rpartition(":")[2])].send_signal(signal.SIGSTOP)
+    assert sorted(report.number for report in reports if isinstance(report, DrawnFrame)) == list(range(1, COUNT + 1))
+    assert any(isinstance(report, Lost) and "gave no sign for " in report.reason for report in reports)
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == COUNT
+    reports = list(cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT, 3.0))
+    assert len({report.number for report in reports if isinstance(report, DrawnFrame)}) == COUNT
+    assert "no sign of worker tcp://127.0.0.1:" in capsys.readouterr().err
+
+
+@pytest.mark.long
 def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, capsys, monkeypatch):
     def draw(render_job: Job, count: int = 1, timeout: float = PATIENT) -> None:
         list(cluster_module.draw_on_cluster(render_job, tasks(tmp_path, count), cluster.address, timeout))
 
     with pytest.raises(InputError, match=r"expected workers within 5 s .*`dask worker tcp://.*found none$"):
         draw(job(), 10, 5.0)
-    cluster.worker()
+    worker = cluster.worker()
     with pytest.raises(DeviceError, match=r"^frame 1: no OpenCL device matches 'no-such'"):
         draw(job(device="no-such"))
     monkeypatch.setattr(cluster_module, "code_digest", lambda: "another")
@@ -90,10 +113,16 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
 
     monkeypatch.chdir(tmp_path)  # the workers' current folder is another
     command = ("turntable", "icosphere", "--frames", "1..4", "--resolution", "64,48", "--preset", "course")
-    code, out, _ = run(capsys, *command, "--scheduler", cluster.address, "-o", "#.exr", "--timeout", "60")
+    code, out, err = run(capsys, *command, "--scheduler", cluster.address, "-o", "#.exr", "--timeout", "60")
     assert code == 0
     assert "1 worker" in out
+    assert "4/4" in "".join(err)
     assert len(list(tmp_path.iterdir())) == 8
+
+    worker.send_signal(signal.SIGKILL)
+    worker.wait()
+    with pytest.raises((InputError, WorkerError), match="worker"):
+        draw(job(), 2, 5.0)
 
 
 @pytest.mark.long
@@ -113,12 +142,14 @@ def test_the_scheduler_is_lost(tmp_path, cluster):
 
 def refused(capsys: pytest.CaptureFixture[str], address: str) -> str:
     """Return the line on standard error."""
+    start = time.perf_counter()
     outcome = run(capsys, "turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2")
     assert_refused(outcome)
+    assert time.perf_counter() - start < PATIENT
     return outcome[2][0]
 
 
-@pytest.mark.parametrize("address", ["host", "http://127.0.0.1:8786", "tcp://a b:1", "tcp://:1"])
+@pytest.mark.parametrize("address", ["host", "tcp://host", "http://127.0.0.1:8786", "tcp://a b:1", "tcp://:1", ""])
 def test_addresses_that_are_none(folder, capsys, address):
     assert "expected an address such as tcp://host:8786" in refused(capsys, address)
 
@@ -131,11 +162,21 @@ def test_a_scheduler_that_cannot_be_reached(folder, capsys):
         line = refused(capsys, address)
         assert address in line
         assert "2 s" in line
-        nobody.listen()  # and does not answer
-        refused(capsys, address)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        refused(capsys, f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+    assert "tcp://no-such-host.invalid:8786" in refused(capsys, "tcp://no-such-host.invalid:8786")
     assert not list(folder.iterdir())
 
 
 def test_without_dask(folder, capsys, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert 'pip install "dask[distributed]"' in refused(capsys, "tcp://127.0.0.1:8786")
+
+
+def test_the_code_s_digest_changes_with_the_code(tmp_path, monkeypatch):
+    before = cluster_module.code_digest()
+    (tmp_path / "one.cl").write_text("kernel")
+    monkeypatch.setattr(cluster_module, "kernel_folder", lambda: tmp_path)
+    assert cluster_module.code_digest.__wrapped__() != before

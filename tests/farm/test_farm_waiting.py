@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,6 +26,13 @@ class Time:
     def monotonic(self) -> float:
         return self.now
 
+    def run(self, seconds: float) -> None:
+        """Let time pass in which this process runs."""
+        end = self.now + seconds
+        while self.now < end:
+            self.now = min(self.now + 1.0, end)
+            dispatch.now()
+
 
 @pytest.fixture
 def turned(monkeypatch) -> Time:
@@ -42,13 +50,13 @@ def test_silence_is_told_each_time_that_it_has_doubled(turned):
             durations.append(round(seconds))
     assert durations == [10, 20, 40, 80]
     clock = dispatch.Clock()
-    for _ in range(25):
-        turned.now += 1.0
-        dispatch.now()
+    turned.run(9.9)
+    assert clock.due(0.1) is None
+    turned.run(15.1)
     assert clock.due(latest=13.0) is None
     assert clock.due(latest=12.0) == 25.0
     clock = dispatch.Clock()
-    for passed, counted in ((2.9, 2.9), (60.0, 2.9), (0.1, 3.0)):
+    for passed, counted in ((0.1, 0.1), (2.9, 3.0), (60.0, 3.0), (0.1, 3.1)):
         turned.now += passed
         assert clock.seconds == pytest.approx(counted)
 
@@ -156,10 +164,6 @@ class Paused(Exception):
     pass
 
 
-def numbers(reports: list[Any], kind: type) -> list[int]:
-    return sorted(number for report in reports if isinstance(report, kind) for number in getattr(report, "numbers", ()))
-
-
 def start(turned: Time, folder: Path, count: int, limit: float | None = 5.0) -> tuple[Run, FakeCluster]:
     """Start a run with the workers a and b."""
     cluster = FakeCluster(turned, a=1, b=1)
@@ -168,15 +172,30 @@ def start(turned: Time, folder: Path, count: int, limit: float | None = 5.0) -> 
     return run, cluster
 
 
+def numbers(reports: list[Any], kind: type) -> list[int]:
+    return sorted(number for report in reports if isinstance(report, kind) for number in getattr(report, "numbers", ()))
+
+
 def test_no_more_frames_are_taken_than_there_are_threads_for(turned, tmp_path):
-    run, cluster = start(turned, tmp_path, 1000)
-    for done in range(20):
-        assert 2 * (cluster_module.AHEAD - 1) < len(cluster.futures) - done <= 2 * cluster_module.AHEAD
-        cluster.draw((cluster.waiting("a") or cluster.waiting("b"))[0])
+    taken: list[int] = []
+
+    def counted_tasks() -> Iterator[Task]:
+        for task in tasks(tmp_path, 1000, (8, 8)):
+            taken.append(task.number)
+            yield task
+
+    cluster = FakeCluster(turned, a=1, b=2)
+    run = Run(turned, cluster, counted_tasks(), None)
+    run.step()
+    assert len(taken) == 3 * cluster_module.AHEAD
+    for done in range(1, 20):
+        cluster.draw(cluster.waiting("a")[0] if cluster.waiting("a") else cluster.waiting("b")[0])
         run.step()
+        assert 3 * (cluster_module.AHEAD - 1) < len(taken) - done <= 3 * cluster_module.AHEAD
+        assert len(run.dispatcher._flights) == len(taken) - done
     cluster.threads["c"] = 4  # joins later and gets work
     run.step(2)
-    assert len(cluster.futures) == 6 * cluster_module.AHEAD + 20
+    assert len(taken) == 7 * cluster_module.AHEAD + 19
     assert cluster.waiting("c")
 
 
@@ -242,19 +261,39 @@ def test_a_worker_that_hangs_gets_nothing_new_until_it_is_back(turned, tmp_path)
 
 
 def test_a_worker_that_is_stopped_before_it_begins_loses_what_it_was_given(turned, tmp_path):
-    run, cluster = start(turned, tmp_path, 20)
+    run, cluster = start(turned, tmp_path, 100)
     cluster.stopped.add("a")
-    futures = cluster.waiting("a")
+    (first, *_) = futures = cluster.waiting("a")
     assert numbers(run.step(4), Lost) == []
-    assert numbers(run.step(4), Lost) == sorted(future.task.number for future in futures)
+    reports = run.step(4)
+    assert numbers(reports, Lost) == sorted(future.task.number for future in futures)
     assert cluster.waiting("a") == []
-    cluster.say(futures[0], "begun")  # it is back, and does not know yet
+    moved = run.dispatcher._flights[first.task.number]
+    run.step()
+    assert moved.worker.name == "b"
+    cluster.say(first, "begun")  # it is back, and does not know yet
+    run.step()
+    assert (moved.worker.name, moved.begun) == ("b", False)
     drawn: set[int] = set()
     while cluster.waiting("b"):
         cluster.draw(cluster.waiting("b")[0])
         drawn |= {report.number for report in run.step() if isinstance(report, DrawnFrame)}
         assert not cluster.waiting("a")
-    assert drawn == set(range(1, 21))
+    assert drawn == set(range(1, 101))
+
+
+def test_frames_follow_when_the_workers_that_they_were_given_to_are_gone(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 2)
+    cluster.begin("a")
+    cluster.draw(cluster.begin("b"))
+    run.step(8)
+    (moved,) = cluster.waiting("b")
+    del cluster.threads["b"]
+    cluster.threads["c"] = 1
+    run.step(2)
+    assert moved.status == "cancelled"
+    (again,) = cluster.waiting("c")
+    assert again.task.number == 1
 
 
 def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
@@ -264,9 +303,12 @@ def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
     reports = run.step(85)
     assert all(isinstance(report, Silent) for report in reports)
     for worker, number in (("a", 1), ("b", 2)):
-        told = [report for report in reports if report.worker == worker]
-        assert {report.numbers for report in told} == {(number,)}
-        assert [round(report.seconds, -1) for report in told] == [10, 20, 40, 80]
+        worker_reports = [report for report in reports if report.worker == worker]
+        assert {report.numbers for report in worker_reports} == {(number,)}
+        seconds = [report.seconds for report in worker_reports]
+        assert len(seconds) == 4
+        assert seconds[0] == pytest.approx(10.5, abs=1.0)
+        assert all(later >= 2.0 * sooner for sooner, later in pairwise(seconds))
     cluster.stopped.clear()
     cluster.draw(first)
     cluster.draw(cluster.begin("b"))
@@ -285,11 +327,14 @@ def test_without_workers_the_run_ends(turned, tmp_path, ends, text):
     assert run.step(3) == []
     cluster.answers = True
     run.step(2)
-    cluster.begin("a")
-    cluster.begin("b")
-    cluster.stopped = {"a", "b"} if ends == "hang" else set()
-    cluster.threads = {} if ends == "go" else cluster.threads
-    cluster.answers = ends != "scheduler"
+    for worker in ("a", "b"):
+        cluster.begin(worker)
+    if ends == "hang":
+        cluster.stopped |= {"a", "b"}
+    elif ends == "go":
+        cluster.threads.clear()
+    else:
+        cluster.answers = False
     with pytest.raises(WorkerError, match=text):
         run.step(60)
     assert turned.now < 1040.0

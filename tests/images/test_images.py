@@ -15,6 +15,7 @@ from scene_files import chunk, png16
 from clshade.errors import InputError
 from clshade.images import radiance
 from clshade.images.decode import read_image, srgb_to_linear
+from clshade.scene.formats.reading import as_texture
 
 RNG = np.random.default_rng(3)
 PIXELS = RNG.integers(0, 256, (5, 7, 4), dtype=np.uint8)
@@ -81,20 +82,28 @@ def test_files_that_are_refused(tmp_path):
         content[f"bomb{width}.png"] = b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(b""))
     for name, data in content.items():
         (tmp_path / name).write_bytes(data)
-    for name, message in {
-        **dict.fromkeys(content, "image: expected an image of type PNG"),
-        **{name: "expected at most 32768 pixels a side" for name in content if name.startswith("bomb")},
-        "empty.png": "empty file",
-        "none.png": "no such file",
-        "": "a folder",
-        "float.tif": "pixels of type F",
-    }.items():
+    messages = {"empty.png": "empty file", "none.png": "no such file", "": "a folder", "float.tif": "pixels of type F"}
+    for name in (*content, *messages):
         with pytest.raises(InputError) as caught:
             read_image(tmp_path / name, srgb=True)
-        text = str(caught.value)
-        assert message in text
-        assert str(tmp_path / name) in text
-        assert text.isprintable()
+        bomb = (
+            "expected at most 32768 pixels a side"
+            if name.startswith("bomb")
+            else "image: expected an image of type PNG"
+        )
+        assert messages.get(name, bomb) in str(caught.value)
+        assert str(tmp_path / name) in str(caught.value)
+        assert str(caught.value).isprintable()
+
+
+def test_as_texture(tmp_path):
+    PICTURE.save(tmp_path / "image.png")
+    texture = as_texture(tmp_path / "image.png", srgb=False, lookup="course")
+    assert (texture.lookup, texture.name) == ("course", "image.png")
+    assert as_texture(texture, srgb=True) is texture
+    assert np.array_equal(as_texture(RGB, srgb=True).image, texture.image)
+    with pytest.raises(InputError):
+        as_texture(np.zeros((0, 3, 3)), srgb=False)
 
 
 # Radiance HDR files: every encoding, a reader of another program, and refusals
@@ -104,6 +113,23 @@ HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
 
 def decoded(data: bytes) -> np.ndarray:
     return radiance.decode(data, "x.hdr", max_side=32768, max_pixels=1 << 20)
+
+
+def encoded_row(codes: np.ndarray, run: int) -> bytes:
+    """Encode a row (w, 4): the first `run` values of each channel, equal ones, as a run, the others one by one."""
+    data = b"\x02\x02" + len(codes).to_bytes(2, "big")
+    for plane in codes.T:
+        data += bytes([128 + run, plane[0]]) + bytes([len(codes) - run]) + plane[run:].tobytes()
+    return data
+
+
+def test_runs_of_each_channel():
+    codes = np.random.default_rng(0).integers(0, 256, (3, 12, 4), np.uint8)
+    codes[:, :, 3] = [[130], [0], [136]]
+    codes[:, :5] = codes[:, :1]
+    image = decoded(HEAD + b"-Y 3 +X 12\n" + b"".join(encoded_row(row, 5) for row in codes))
+    expected = codes[..., :3] * np.array([2.0**-6, 0.0, 1.0])[:, None, None]
+    np.testing.assert_array_equal(image, expected.astype(np.float32))
 
 
 def test_pixels_one_by_one_and_repeats_with_two_digits():
@@ -120,7 +146,7 @@ def test_exposures_and_color_corrections_are_divided_out():
     np.testing.assert_array_equal(decoded(data), [[[4.0, 2.0, 1.0]]])
 
 
-@pytest.mark.parametrize("value", ["0", "nan", "1e300", "auto", "1 1"])
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-40", "1e300", "", "auto", "1 1"])
 @pytest.mark.parametrize("name", ["EXPOSURE", "COLORCORR"])
 def test_what_is_no_exposure_is_ignored_with_a_warning(name, value):
     value = f"{value} 1 1" if name == "COLORCORR" else value
@@ -162,12 +188,17 @@ def test_another_programs_files(tmp_path):
         (b"#?RADIANCE\n" + b"a" * 100, "header"),
         (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\nabcd", "FORMAT"),
         (HEAD + b"-X 1 +X 1\nabcd", "header"),
+        (HEAD + b"512 x 512\nabcd", "header"),
+        (HEAD + b"-Y 0 +X 1\nabcd", "image"),
         (HEAD + b"-Y 40000 +X 1\n" + b"abcd" * 40000, "image"),
+        (HEAD + b"-Y 9999 +X 9999\nabcd", "image"),
         (HEAD + b"-Y 1 +X 2\nabcd", "image"),
         (HEAD + b"-Y 1 +X 1\n\x01\x01\x01\x01", "image"),
         (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x09" + b"\x88a" * 4, "image"),
         (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x89a" * 4, "image"),
+        (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x00a" * 4, "image"),
         (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x88a" * 3, "image"),
+        (HEAD + b"-Y 2 +X 8\n\x02\x02\x00\x08" + b"\x88a" * 4 + b"abcd", "image"),
     ],
 )
 def test_damaged_files_are_refused_in_one_line(data, field):

@@ -106,6 +106,7 @@ BINARY_PLY = [
 STL = [
     (stl(FACETS)[:-1], "facet count: expected 434 bytes for its 7 facets, or …found 433 bytes"),
     (b"\xff" * 84, "facet count: "),
+    (b"\xff" * 20, "facet count: expected at least 84 bytes, or solid, found 20 bytes"),
     (b"solid".ljust(34, b"\0"), "facet count: "),  # as long as a file of -1 facets would be
     (stl([]), "facet count: "),
     ("solid x\nendsolid x\n", "facet count: "),

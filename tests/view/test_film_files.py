@@ -13,7 +13,7 @@ from PIL import Image
 
 from clshade.errors import InputError
 from clshade.view import video
-from clshade.view.video import FORMATS, checked_rate, format_of
+from clshade.view.video import FORMATS, checked_rate, durations, format_of, is_film
 
 needs_av = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="PyAV is not installed")
 
@@ -51,6 +51,7 @@ def encoded(ending: str, frames: list[np.ndarray], bits: int = 8, rate: Fraction
 
 
 def planes_of(frame) -> list[np.ndarray]:
+    """Return the codes of a decoded frame's planes."""
     dtype = np.uint16 if frame.format.name.endswith("10le") else np.uint8
     planes = []
     for plane in frame.planes:
@@ -68,6 +69,7 @@ def rgb_of(y: np.ndarray, cb: np.ndarray, cr: np.ndarray, bits: int, kr: float =
 
 
 def centers(frame, bits: int, **weights: float) -> np.ndarray:
+    """Return the colors in the middle of a card's patches, (12, 3)."""
     y, cb, cr = planes_of(frame)
     middle = np.arange(3)[:, None] * SIDE + SIDE // 2, np.arange(4)[None] * SIDE + SIDE // 2
     small = tuple(index // 2 for index in middle)
@@ -103,6 +105,20 @@ def test_a_video_read_back(ending, bits, codec, pixel_format):
     assert wrong.max() > 10 * bound  # with the matrix of BT.601
 
 
+@needs_av
+def test_ten_bits_come_from_floats():
+    """Grays a quarter of an 8-bit code apart, in 10 bits 3.4 codes of 8 bits: each has a code of its own."""
+    import av
+
+    grays = 0.5 + np.arange(4) / 3.0 / 255.0
+    image = np.repeat(np.repeat(grays[None, :, None], 64, axis=0), 64, axis=1) * np.ones(3)
+    with av.open(io.BytesIO(encoded(".mp4", [image], 10))) as container:
+        (frame,) = container.decode(video=0)
+    codes = planes_of(frame)[0][32, 32::64]
+    assert np.abs(codes - (219 * grays + 16) * 4).max() <= 1.0
+    assert (np.diff(codes) >= 1).all()
+
+
 @pytest.mark.sampled
 @needs_av
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -118,6 +134,18 @@ def test_frames_of_short_films_have_times(count):
 
 
 @needs_av
+@pytest.mark.parametrize(("ending", "size"), [(".mp4", (5, 3)), (".mp4", (1, 1)), (".webm", (33, 24))])
+def test_odd_sizes_are_made_even(ending, size):
+    import av
+
+    columns, rows = size
+    image = np.random.default_rng(1).integers(0, 256, (rows, columns, 3)).astype(np.uint8)
+    with av.open(io.BytesIO(encoded(ending, [image] * 2))) as container:
+        frames = list(container.decode(video=0))
+    assert [(frame.width, frame.height) for frame in frames] == [(columns + columns % 2, rows + rows % 2)] * 2
+
+
+@needs_av
 def test_a_fraction_as_rate_and_an_index_before_the_frames():
     import av
 
@@ -127,6 +155,20 @@ def test_a_fraction_as_rate_and_an_index_before_the_frames():
         assert (stream.average_rate, stream.frames) == (Fraction(30000, 1001), 40 * COUNT)
         assert stream.duration * stream.time_base == Fraction(40 * COUNT * 1001, 30000)
     assert 0 < data.find(b"moov") < data.find(b"mdat")
+
+
+@needs_av
+def test_what_ffmpeg_reports_is_an_oserror():
+    """It becomes an OutputError that names the film."""
+
+    class Full(io.BytesIO):
+        def write(self, data):
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        video.encode_video(Full(), images(), COUNT, Fraction(25), FORMATS[".mp4", 8])
+    with pytest.raises(OSError, match="Invalid argument"):
+        encoded(".mp4", [np.zeros((8, 8, 3))], 10)  # smaller than x265 takes; `draw_film` refuses it before
 
 
 # Animated images
@@ -183,16 +225,45 @@ def test_a_gif_of_one_image_for_too_long_is_refused():
 # Rates and names
 
 
+@pytest.mark.parametrize(
+    ("rate", "ticks", "expected"),
+    [(30, 100, [3, 4, 3, 3, 4, 3]), (50, 100, [2, 2, 2]), (60, 1000, [17, 16, 17, 17, 16, 17])],
+)
+def test_durations_add_up(rate, ticks, expected):
+    assert durations(len(expected), Fraction(rate), ticks) == expected
+    many = np.cumsum(durations(1000, Fraction(rate), ticks))
+    exact = np.arange(1, 1001) * ticks / float(rate)
+    assert np.abs(many - exact).max() <= 0.5 + 1e-9
+
+
 def test_rates():
-    rates = {"24": 24, "23.976": Fraction(2997, 125), "30000/1001": Fraction(30000, 1001), "0.1": Fraction(1, 10)}
-    assert {text: checked_rate(FORMATS[".mp4", 8], text) for text in rates} == rates
-    assert checked_rate(FORMATS[".gif", 8], np.float32(12.5)) == Fraction(25, 2)
+    for text, rate in (
+        ("24", 24),
+        (30, 30),
+        ("23.976", Fraction(2997, 125)),
+        ("30000/1001", Fraction(30000, 1001)),
+        (np.float32(12.5), Fraction(25, 2)),
+        ("0.1", Fraction(1, 10)),
+    ):
+        assert checked_rate(FORMATS[".mp4", 8], text) == rate
+    assert checked_rate(FORMATS[".gif", 8], 50) == 50
 
 
-@pytest.mark.parametrize("fps", ["-3", "nan", "x", "1/0", "1e99999", "1e-999999999", "241", 0.05, None, True, [3]])
+@pytest.mark.parametrize(
+    "fps", ["0", "-3", "nan", "inf", "x", "", "1/0", "1e99999", "1e-999999999", "9" * 50, "241", 0.05, None, True, [3]]
+)
 def test_refused_rates(fps):
     with pytest.raises(InputError, match=r"^--fps: expected frames per second, 0\.1 to 240 for \.mp4, such as 24"):
         checked_rate(FORMATS[".mp4", 8], fps)
+
+
+def test_names_of_films_and_of_frames():
+    assert [is_film(f"a/b.{ending}") for ending in ("mp4", "webm", "GIF", "apng", "webp")] == [True] * 5
+    assert not any(map(is_film, ("out.####.exr", "out.png", "a", "v1.2", "out.##", "a.##.tif", ".mp4")))
+    for name, near in (("a.mov", ".mp4"), ("b.MKV", ".webm"), ("a.wepb", ".webp"), ("a.agif", ".gif")):
+        message = rf"^--output: expected a film, .* found '{name}': did you mean '{near}'\?$"
+        with pytest.raises(InputError, match=message):
+            is_film(name)
 
 
 def test_depths_and_a_missing_encoder(monkeypatch):
