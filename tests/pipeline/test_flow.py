@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from layer_scenes import mixed
 from random_scenes import scene_of
 
 import clshade
@@ -18,7 +19,7 @@ from clshade.measure.check.flow_bounds import flow_errors
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.frame_results import Flow
 from clshade.scene.camera import Camera
-from clshade.scene.geometry import camera_axes
+from clshade.scene.geometry import camera_axes, in_image, pixel_rays
 from clshade.scene.model import Material, Mesh, Scene
 
 HALF_ULP = 2.0**-24  # of float32, relative
@@ -28,6 +29,7 @@ PLAIN = {"shader": "nolight", "layers": "id"}
 
 
 def square(size: float = 1.0, z: float = 0.0, **fields) -> Mesh:
+    """Return a square of two triangles about the z axis, facing it."""
     verts = [(-size, -size, z), (size, -size, z), (size, size, z), (-size, size, z)]
     return Mesh(verts, [[0, 1, 2], [0, 2, 3]], **fields)
 
@@ -39,6 +41,7 @@ def at(*offset: float) -> np.ndarray:
 
 
 def centers(frame: Frame) -> np.ndarray:
+    """Return the pixels' centers (M, N, 2), to the right and down."""
     rows, columns = frame.alpha.shape
     return np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1)
 
@@ -52,6 +55,9 @@ def assert_oracles(frame: Frame, flow: Flow) -> None:
     errors, wrong = flow_errors(flow, frame.scene, frame.settings, frame["id"][where], where)
     assert errors.max() <= 1.0
     assert not wrong.any()
+
+
+# Closed forms
 
 
 def test_a_camera_that_moves_along_a_plane(opened):
@@ -103,6 +109,20 @@ def test_a_moved_instance(opened):
     assert_oracles(frame, flow)
 
 
+def test_nothing_moves(opened):
+    """Exactly 0, at slivers and clipped faces too, and with several samples."""
+    frame = clshade.render(mixed(), device=opened, samples=3, **PLAIN)
+    shown = frame["id"] > 0
+    flow = clshade.flow(frame, frame, device=opened)
+    assert (flow.vectors[shown] == 0.0).all()
+    # Snapping moves edges by up to 1/131072 px: here none crosses a sample, which would see what is hidden from it.
+    assert not flow.occluded[shown].any()
+    assert_oracles(frame, flow)
+
+
+# What is hidden
+
+
 def test_what_a_square_hides(opened):
     """A square behind another, which the camera's way to the side moves by twice as much: a strip is hidden, as wide."""
     frame = draw(opened, square(3.0, -4.0), square(0.5, 2.0), layers=("id", "object_id"))
@@ -119,14 +139,30 @@ def test_what_a_square_hides(opened):
     assert_oracles(frame, flow)
 
 
+def test_a_side_that_is_not_drawn_is_occluded(opened):
+    """From behind, a square of which only the front is drawn; one of both sides is seen."""
+    behind = replace(CAMERA, eye=(0, 0, -4.0))
+    for sides in ("both", "front"):
+        frame = draw(opened, square(material=Material(sides=sides)))
+        flow = clshade.flow(frame, behind, device=opened)
+        shown = frame["id"] > 0
+        assert flow.occluded[shown].all() == (sides == "front")
+        assert np.abs(flow.vectors - (2 * ((32, 24) - centers(frame)) * (1, 0)))[shown].max() <= 64 * HALF_ULP
+        assert_oracles(frame, flow)
+
+
 @pytest.mark.long
 def test_a_square_that_is_not_drawn_hides_nothing(opened):
     """One whose back is culled, one through which layers look, and one nearer than the near plane."""
     far = square(2.0, -4.0)
     away = draw(opened, far, square(0.5, 9.0))
-    turned = [np.diag([-1.0, 1.0, -1.0, 1.0]) @ at(0, 0, -4.0)]
     for near, options in (
-        (square(0.5, 2.0, instances=turned, material=Material(sides="front")), {}),
+        (
+            square(
+                0.5, 2.0, instances=[np.diag([-1.0, 1.0, -1.0, 1.0]) @ at(0, 0, -4.0)], material=Material(sides="front")
+            ),
+            {},
+        ),
         (square(0.5, 2.0, material=Material(blend=True, opacity=0.25)), {}),
         (square(0.5, 3.5), {"near": 1.0}),
     ):
@@ -137,9 +173,20 @@ def test_a_square_that_is_not_drawn_hides_nothing(opened):
         assert_oracles(away, flow)
 
 
+def test_what_is_behind_the_other_camera_has_no_vector(opened):
+    frame = draw(opened, square(0.5), square(0.5, -6.0, instances=[at(2, 0, 0)]), layers=("id", "object_id"))
+    flow = clshade.flow(frame, replace(CAMERA, eye=(0, 0, -1.0), lookat=(0, 0, -5.0)), device=opened)
+    front = frame["object_id"] == 1
+    assert np.isnan(flow.vectors[front]).all()
+    assert flow.occluded[front].all()
+    assert np.isfinite(flow.vectors[frame["object_id"] == 2]).all()
+    assert_oracles(frame, flow)
+
+
 @pytest.mark.long
 def test_random_scenes_are_the_oracles(opened):
-    """Of all sizes and places, with clipped faces and mirrored placements; the camera moves, and some meshes."""
+    """Of all sizes and places, with clipped faces and mirrored placements; the camera moves, and in half of them the
+    meshes."""
     rng = np.random.default_rng(1)
     shown = hidden = 0
     for number in range(20):
@@ -167,8 +214,12 @@ def test_random_scenes_are_the_oracles(opened):
     assert min(shown, hidden) > 500
 
 
+# Checks, files and refusals
+
+
 @pytest.fixture(scope="module")
 def frames(opened) -> tuple[Frame, Frame]:
+    """Return frames of squares over a floor, of which one moves, as does the camera."""
     floor = Mesh([(-5, -1, -9), (5, -1, -9), (5, -1, 9), (-5, -1, 9)], [[0, 2, 1], [0, 3, 2]])
     block = square(0.7, instances=np.stack([at(-1, 0, 0), at(0.6, 0, 1)]))
     moved = replace(block, instances=np.stack([at(-1, 0, 0), at(0.1, 0.2, 0.8)]))
@@ -210,7 +261,8 @@ def test_files(opened, frames, tmp_path):
         assert np.array_equal(channels[f"{name}_occluded"], flow.occluded.astype(np.uint32))
     there.save(tmp_path / "a.flo")
     data = (tmp_path / "a.flo").read_bytes()
-    assert data[:12] == struct.pack("<4sii", b"PIEH", 64, 48)
+    assert data[:4] == b"PIEH"
+    assert struct.unpack("<ii", data[4:12]) == (64, 48)
     values = np.frombuffer(data, "<f4", offset=12).reshape(48, 64, 2)
     has_vector = np.isfinite(there.vectors)
     assert np.array_equal(values[has_vector], there.vectors[has_vector])
@@ -248,6 +300,7 @@ TURNED = replace(square(), faces=[[1, 2, 0], [0, 2, 3]])
 @pytest.mark.parametrize(
     ("meshes", "line"),
     [
+        ((), f"flow: to: expected 1 meshes, {AS_IN_FRAME}, found 0"),
         (
             (square(instances=[np.eye(4)] * 2),),
             rf"flow: to: expected 2 faces and 1 instances of mesh 1, {AS_IN_FRAME}, found \(2, 2\)",
@@ -263,6 +316,10 @@ def test_scenes_of_which_no_flow_is_known(opened, meshes, line):
         clshade.flow(draw(opened, square(), layers="Z"), CAMERA, device=opened)
 
 
-def test_flow_of_an_empty_image(opened):
+def test_flow_takes_any_number_of_pixels_and_none(opened):
     flow = clshade.flow(draw(opened), CAMERA, device=opened)
     assert flow.occluded.all()
+    rays, _ = pixel_rays(CAMERA)
+    places, depths = in_image(CAMERA, rays.reshape(-1, 3))
+    assert np.allclose(places.reshape(48, 64, 2), np.stack(np.meshgrid(np.arange(64), np.arange(48)), -1) + 0.5)
+    assert np.allclose(depths, 1.0)

@@ -76,3 +76,18 @@ def test_refused_in_one_line(call, odd, folder):
     assert re.match(rf"{call}[:,]", str(caught.value)), caught.value
     assert str(caught.value).isprintable()
     assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"kinds": ["materials"]}, "kinds: expected one of object, material, instance, found 'materials'"),
+        ({"kinds": "object"}, "kinds: expected one or more of object, material, instance, found 'object'"),
+        ({"kinds": []}, "kinds: expected one or more of object, material, instance, found []"),
+        ({"ranks": 65}, "ranks: expected a whole number from 1 to 64, found 65"),
+    ],
+)
+def test_mattes_are_refused_before_anything_is_drawn(monkeypatch, change, line):
+    monkeypatch.setattr("clshade.pipeline.visible.Renderer", None)
+    with pytest.raises(InputError, match=re.escape(f"cryptomatte: {line}")):
+        clshade.cryptomatte(FRAME, **change)

@@ -15,7 +15,7 @@ import pytest
 from view_cameras import cloud, looking
 
 import clshade
-from clshade import Renderer
+from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import ClshadeError, InputError
 from clshade.pipeline import buffers
 from clshade.pipeline import renderer as renderer_module
@@ -166,6 +166,7 @@ REFUSED = [
         None,
         "cameras[1]: expected a perspective camera, as the scene's, found",
     ),
+    ([NEAR], [np.zeros(3)], "out: expected arrays by name, such as {'rgba': array}, found [array([0."),
     ([NEAR], {"depth": 0}, "out: expected names of rgba, Z, id, found 'depth': did you mean 'Z'?"),
     ([NEAR], {"Z": shaped(1, dtype="f8")}, EXPECTED_Z + "an array of shape (1, 48, 48) and type float64"),
     (
@@ -183,6 +184,20 @@ def test_refusals_name_the_field_before_anything_is_drawn(device, cameras, out, 
         monkeypatch.setattr(Stages, "run", None)
         with pytest.raises(InputError, match=rf"^Renderer.render_many: {re.escape(message)}[^\n]*$"):
             renderer.render_many(cameras, out)
+
+
+def test_what_float64_or_memory_cannot_hold_is_refused_before_anything_is_drawn(device, monkeypatch):
+    corner = Mesh([[1.7e308, 0, 0], [1.6e308, 0, 0], [1.7e308, 1e307, 0]], [[0, 1, 2]])
+    near = Camera((1.7e308, 0, 1e307), (1.7e308, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (SIZE, SIZE))
+    far = replace(near, eye=(-1.7e308, 0, 1e307), lookat=(-1.7e308, 0, 0))
+    with Renderer(Scene((corner,), near), device=device, shader="nolight", layers=LAYERS) as renderer:
+        monkeypatch.setattr(Stages, "run", None)
+        with pytest.raises(InputError, match="expected coordinates whose differences float64 can hold"):
+            renderer.render_many([near, far])
+        monkeypatch.setattr(buffers.np, "empty", lambda *_: (_ for _ in ()).throw(MemoryError))
+        line = r"cameras: expected as many as fit in memory, or memory-mapped arrays as out,"
+        with pytest.raises(InputError, match=line):
+            renderer.render_many([near])
 
 
 @pytest.mark.parametrize("at", [0, 31])  # of the launches
