@@ -48,6 +48,7 @@ def assert_same_coverage(device, xy, resolution) -> None:
 # Coverage
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", [1, 2, 4, 8, 16, 32, 64, 128, 256])
 def test_random_triangles_of_all_sizes(device, size):
     """On the grid of corners, each in its own cell; the cells are not aligned with the tiles."""
@@ -58,6 +59,7 @@ def test_random_triangles_of_all_sizes(device, size):
     assert_same_coverage(device, xy, (across * size - 9, across * size - 14))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("resolution", [(61, 47), (17, 33), (1, 1), (1, 7), (333, 1), (16384, 3), (3, 16384)])
 def test_triangles_far_larger_than_the_image(device, resolution):
     """Corners up to the guard band; edges cross the image, also one of few pixels, and the longest. `Pipeline.draw` puts
@@ -86,7 +88,8 @@ def overlapping(seed: int, count: int = 600) -> tuple[np.ndarray, np.ndarray]:
 RESOLUTION = (101, 93)
 
 
-@pytest.mark.parametrize("depth_test", [0, 1])
+@pytest.mark.sampled
+@pytest.mark.parametrize("depth_test", [1, 0])
 def test_owners(device, depth_test):
     for seed in range(3):
         xy, z = overlapping(seed)

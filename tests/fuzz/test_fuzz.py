@@ -93,6 +93,7 @@ def test_a_failure_is_shrunk_and_saved_and_its_message_says_how_to_repeat_it(mon
     shutil.rmtree(Path(path).parent)
 
 
+@pytest.mark.long
 def test_lanes_that_disagree_and_a_wrong_value_of_any_layer_are_found(opened, monkeypatch):
     """One ulp in one pixel, which all bounds allow, or one bit of any layer."""
     drawn = scene_of(1)

@@ -122,16 +122,17 @@ def test_the_default_is_what_render_draws(device, name, expected):
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n"
 SCENES = [
+    "'a mesh.obj' --look studio --shadows",
     "teapot",
     "course",
     "box_room --light-intensity 0.5",
     "'a mesh.obj' --flat --camera-azimuth-angle 20",
     "'a mesh.obj' --ambient-occlusion 4",
-    "'a mesh.obj' --look studio --shadows",
     "./-mesh.obj --look plain --no-weld --fit",
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("given", SCENES)
 def test_commands_draw_what_was_measured(device, capsys, folder, monkeypatch, given):
     """Also of scenes in the studio, of options that would take them out of it, and of names that need quotes."""

@@ -172,6 +172,7 @@ def test_without_moderngl_nothing_is_measured(opened, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("context")
+@pytest.mark.sampled
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 def test_images_are_compared_before_times(opened, capsys, monkeypatch, factor):
     draw = OpenGL.draw

@@ -46,12 +46,13 @@ def rewrite(monkeypatch, right: str, fault: str) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("group", "name", "right", "fault"), [
-    ("operations", "fused_float", "{fma(a, b, c)}", "{a * b + c}"),
-    ("operations", "count", "atomic_add(out + 3, x[item]);", "if (item) atomic_add(out + 3, x[item]);"),
     ("constructs", "divergent_loop", "k < a[i]", "k < a[i - get_local_id(0)]"),
     ("constructs", "denormals", "a[i] * 0.5f", "(fabs(a[i]) < 0x1p-126f ? 0.0f : a[i] * 0.5f)"),
     ("constructs", "comparisons", "!(a[i] >= b[i])", "(a[i] < b[i])"),
+    ("operations", "fused_float", "{fma(a, b, c)}", "{a * b + c}"),
+    ("operations", "count", "atomic_add(out + 3, x[item]);", "if (item) atomic_add(out + 3, x[item]);"),
     ("structs", "View_float32", "} View;", "} __attribute__((aligned(64))) View;"),
 ])  # fmt: skip
 def test_a_fault_in_a_kernel_is_found(opened, monkeypatch, group, name, right, fault):
@@ -63,6 +64,7 @@ def test_a_fault_in_a_kernel_is_found(opened, monkeypatch, group, name, right, f
     assert Bench(opened).wrong(case)
 
 
+@pytest.mark.long
 def test_faults_of_memory_and_frames_are_found(opened, monkeypatch):
     monkeypatch.setattr(groups, "edge_bytes", lambda device, size: (5, 7 * (size < 1 << 20)))
     assert groups.sizes(Bench(opened)) == "1048576 bytes: expected (5, 7) at the ends, found (5, 0)"
@@ -91,6 +93,7 @@ runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "right", "fault"), [
     ("max_int", "{max(a, b)}", "{max(a, b + 1)}"),
     ("count", "atomic_add(out + 3, x[item]);", ""),
@@ -151,6 +154,7 @@ def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, resul
     assert facts["lanes"] == opened.lanes
 
 
+@pytest.mark.long
 def test_after_three_crashes_a_part_is_given_up(tmp_path, results_with):
     """Each costs a test, which has a script; the next process leaves it out."""
     (*crashed, rest), _ = results_with("programs.compiled = lambda *_: os.abort()\nisolated.main()")
@@ -160,6 +164,7 @@ def test_after_three_crashes_a_part_is_given_up(tmp_path, results_with):
     assert rest.problem == "not tried: processes end early"
 
 
+@pytest.mark.long
 def test_a_launch_that_does_not_end_is_one_line(opened, results_with):
     """Even if it holds the interpreter's lock; the other tests of structs are those of an earlier process."""
     hangs = "programs.compiled = lambda *_: ctypes.PyDLL(None).sleep(60)\nisolated.main()"

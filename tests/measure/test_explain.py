@@ -9,6 +9,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from command_line import SMALL, needs_device, run
 from devices import rendered
 
@@ -87,6 +88,7 @@ def test_a_program_is_built_for_what_is_compiled_and_for_nothing_else(device, mo
     assert len(programs.built()) == len(before) + 2
 
 
+@pytest.mark.long
 @needs_device
 def test_the_command(tmp_path, capsys, monkeypatch):
     """It prints the explanation after the summary and in the figures; images that differ are a failure."""

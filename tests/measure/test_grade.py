@@ -178,6 +178,7 @@ def test_what_no_mistake_explains_is_not_claimed_and_an_object_that_is_missing_i
     assert "nothing is drawn" in {change.label for change in best.changes}
 
 
+@pytest.mark.long
 def test_gamma_beside_a_wrong_background_is_found():
     scene = replace(right().drawing.scene, background=[0.2, 0.5, 0.8])
     linear = np.clip(frame.render(scene, right().drawing.settings).rgb, 0.0, 1.0)
@@ -209,6 +210,7 @@ def painted(scene: Scene, shader: str) -> np.ndarray:
     return image[::-1]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shader", "rounded"), [("phong", np.floor), ("gouraud", np.rint)])
 def test_a_student_s_own_code_is_right(shader, rounded):
     scene = course((80, 60), textured=False)
@@ -302,6 +304,7 @@ def test_sizes_and_settings_that_cannot_be_right(tmp_path):
             grade.grade(written(tmp_path / name, np.zeros((4, 5, 3))), right())
 
 
+@pytest.mark.long
 def test_a_folder_becomes_a_table_and_a_page(tmp_path):
     place = tmp_path / "in"
     (place / "late").mkdir(parents=True)

@@ -79,14 +79,11 @@ def missed(count: int, together: int, seed: int) -> list[str]:
     return lines
 
 
+@pytest.mark.long
 @needs_device
 @pytest.mark.parametrize(
     ("count", "together", "seed", "most"),
-    [
-        (3, 1, 1, 0),
-        pytest.param(300, 1, 0, 1, marks=pytest.mark.long),
-        pytest.param(40, 2, 0, 10, marks=pytest.mark.long),
-    ],
+    [(300, 1, 0, 1), (40, 2, 0, 10)],
 )
 def test_most_planted_mistakes_are_named_first(count, together, seed, most):
     lines = missed(count, together, seed)

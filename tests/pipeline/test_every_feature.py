@@ -259,7 +259,6 @@ EVERY_DAY = {
     ),
     "ambient occlusion": row(stage, {**OCCLUDED, "ao_distance": 0.8}, {"ambient_occlusion": 5}, {"ao_distance": 0.82}),
     "occlusion of all light": row(stage, {**OCCLUDED, "ambient": "plain", "shadows": True}, {"ambient": "tinted"}),
-    "occlusion by glass and holes": row(lambda: glass(lights=()), OCCLUDED, changed_sheet(opacity=0.9)),
     "metal": row(lambda: stage(facets()), {"shader": "pbr"}, changed_sheet(pbr=MetallicRoughness(0.601, 0.3))),
     "all maps": row(
         all_maps, {"shader": "pbr", "layers": ("Z", "id", "N")}, changed_sheet(pbr=mapped(normal_scale=0.81))
@@ -279,6 +278,7 @@ EVERY_DAY = {
 PBR = {"shader": "pbr", "shadows": True}
 DOUBLE = {"precision": "float64"}
 LONG = {
+    "occlusion by glass and holes": row(lambda: glass(lights=()), OCCLUDED, changed_sheet(opacity=0.9)),
     "gouraud": row(
         lambda: lit_by(SPOT, RANGED, SPHERE, PANEL), {"shader": "gouraud", **SIZED}, changed_light(outer_cone=36.0)
     ),

@@ -42,6 +42,7 @@ def test_clipped_triangles_have_the_same_pieces_in_all_parts(device):
             assert not differing(renderer.render(part), image, left, top), (left, top)
 
 
+@pytest.mark.long
 def test_devices_without_float64_project_alike(device):
     scene = clshade.builtin("icosphere", level=2, resolution=(50, 40))
     part = part_of(scene.camera, 13, 9, 20, 17)

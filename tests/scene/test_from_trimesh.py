@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import subprocess
 import sys
+from functools import reduce
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from processes import ROOT
 
 import clshade
 from clshade.errors import InputError
@@ -271,3 +275,17 @@ def test_vertices_is_another_name_of_verts():
             Mesh(*arguments, vertices=CORNERS, **fields)
     with pytest.raises(TypeError, match="verts"):
         Mesh(faces=FACES)
+
+
+BLOCK = re.compile(r"^```py\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def test_what_the_page_for_its_users_names_exists(trimesh):
+    """COMING_FROM.md, of which tests/test_readme.py runs our parts."""
+    text = (ROOT / "clshade" / "scene" / "COMING_FROM.md").read_text()
+    nodes = [node for block in BLOCK.findall(text) for node in ast.walk(ast.parse(block))]
+    chains = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
+    named = {chain for chain in chains if re.fullmatch(r"trimesh(\.\w+)+", chain)}
+    assert len(named) > 10
+    for chain in named:
+        reduce(getattr, chain.split(".")[1:], trimesh)

@@ -70,6 +70,7 @@ def host_work(path: Path) -> None:
     pack(scene, Settings.from_preset("standard", layers=("object_id", "instance_id")))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", FILES)
 def test_all_meshes_cost_alike_and_little(name, tmp_path):
     limit, write = FILES[name]

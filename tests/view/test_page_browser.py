@@ -17,6 +17,8 @@ from clshade.images.statistics import LUMINANCE
 from clshade.images.tonemap import OPERATORS, tonemap
 from clshade.view import page
 
+pytestmark = pytest.mark.long
+
 HOSTILE = "<img src=x onerror='hacked=1'></script>"
 ROWS, COLUMNS = 48, 64
 
@@ -107,7 +109,6 @@ def shown(shared):
     assert shared.evaluate("typeof hacked") == "undefined"
 
 
-@pytest.mark.long
 def test_tone_maps_are_those_of_the_library(shown):
     """Within one code, which float32 may miss at a step."""
     settings = [{"operator": o, "exposure": e, "marking": False} for o in OPERATORS for e in (0.0, -3.5, 4.0)]
@@ -126,7 +127,6 @@ def test_tone_maps_are_those_of_the_library(shown):
     assert (off > 0).mean() < 0.02
 
 
-@pytest.mark.long
 def test_special_values_are_marked_and_a_png_is_shown_as_it_is(shown):
     assert pixels(shown)[0, 0].tolist() == [255, 176, 0]  # infinite before negative
     assert (pixels(shown)[0, 1:] == tonemap(ramp())[0, 1:]).mean() > 0.98
@@ -138,7 +138,6 @@ def test_special_values_are_marked_and_a_png_is_shown_as_it_is(shown):
     assert (pixels(shown) == np.resize(np.arange(256), (ROWS, COLUMNS, 3))).all()
 
 
-@pytest.mark.long
 def test_the_histogram_counts_every_pixel(shown):
     histograms = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
     finite = ramp()[..., 0].astype(float)
@@ -149,7 +148,6 @@ def test_the_histogram_counts_every_pixel(shown):
     assert shown.evaluate("filledBins([new Uint32Array(BIN_COUNT)])") == [(32 - 8) * 8, (32 + 4) * 8 - 1]  # about 1
 
 
-@pytest.mark.long
 def test_the_probe_shows_the_values_of_the_file(shown, files):
     channels = exr.read(files / "a.exr")[0]
     shown.evaluate("viewer.pin({ x: 17, y: 5 })")
@@ -166,7 +164,6 @@ def test_the_probe_shows_the_values_of_the_file(shown, files):
     assert until(shown, f"document.querySelector('#layers .place').textContent === '{x}, {y}'")
 
 
-@pytest.mark.long
 def test_layers_are_chosen_by_name_and_drawn_by_their_kind(shown):
     expected = thumbnails(exr.flatten(channels_of_a()))
     for name in ("Z", "N", "object_id", "uv", "P"):
@@ -211,7 +208,6 @@ def test_the_keyboard(shown):
         assert shown.evaluate(expression) == expected, key
 
 
-@pytest.mark.long
 def test_comparison(shown):
     """The reference is smaller: beyond it nothing is drawn, of the wipe's right side and of the difference."""
     shown.evaluate("viewer.set({ marking: false })")
@@ -234,7 +230,6 @@ def test_comparison(shown):
     shown.keyboard.up("Shift")
 
 
-@pytest.mark.long
 def test_dragging_and_zooming(shown):
     start = shown.evaluate("viewer.view")
     shown.mouse.move(200, 200)
@@ -254,7 +249,6 @@ NAMES = [
 ]
 
 
-@pytest.mark.long
 def test_scripts_group_channels_and_decode_halves_as_the_library_does(shown):
     for names in NAMES:
         planes = {name: np.zeros((1, 1)) for name in names}
@@ -269,7 +263,6 @@ def test_scripts_group_channels_and_decode_halves_as_the_library_does(shown):
     assert np.array_equal(np.array([float(text.replace("Infinity", "inf")) for text in texts]), halves, equal_nan=True)
 
 
-@pytest.mark.long
 def test_without_webgl(launch, written):
     """Drawn by the processor, and said so; the same colors."""
     plain = launch(*WITHOUT_GL)
@@ -289,7 +282,6 @@ def test_without_webgl(launch, written):
     plain.close()
 
 
-@pytest.mark.long
 def test_damaged_data_is_said(browser, written, tmp_path):
     text = written.read_text("utf-8")
     start = text.index('id="chunk-0">') + len('id="chunk-0">')
@@ -300,7 +292,6 @@ def test_damaged_data_is_said(browser, written, tmp_path):
     shown.close()
 
 
-@pytest.mark.long
 def test_in_a_notebook(browser, written, tmp_path):
     """A notebook's document may have a policy of its own, which frames inherit; this one allows what Jupyter's does."""
     made = page.Page(written.read_text("utf-8"))
