@@ -1,7 +1,7 @@
 """clshade beside other renderers: scenes that all of them can draw, against an exact answer in float64.
 
     python demos/other_renderers.py                              # all that are installed: five minutes
-    python demos/other_renderers.py --only fan grid --renderers clshade embree --out out
+    python demos/other_renderers.py --only fan grid --renderers clshade embree
 
 Every scene is one mesh with smooth normals, a pinhole camera, and Lambert's light kd I max(N.L, 0) of one point light.
 Vertices and normals are float32 numbers, so that all renderers get the same ones. Every renderer has a process of its own;
@@ -39,11 +39,10 @@ from importlib import metadata  # noqa: E402
 from typing import Any, NamedTuple  # noqa: E402
 
 import numpy as np  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade.course import calculate_normals  # noqa: E402
-from clshade.scene.geometry import triangles  # noqa: E402
+from clshade.scene.geometry import camera_axes, triangles  # noqa: E402
 
 KD = (0.9, 0.7, 0.5)
 RESOLUTION = (320, 240)
@@ -58,27 +57,19 @@ DATA = os.environ.get("CLSHADE_DATA", "")
 # Cameras and scenes
 
 
-def axes_of(camera: clshade.Camera) -> np.ndarray:
-    """Return the camera's right, up and forward vector, (3, 3)."""
-    forward = (camera.lookat - camera.eye) / np.linalg.norm(camera.lookat - camera.eye)
-    right = np.cross(forward, camera.up)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(right, forward), forward])
-
-
 def pixel_rays(camera: clshade.Camera) -> np.ndarray:
     """Return the rays (M, N, 3) from the eye through the centers of pixels, of depth 1, row 0 at the top."""
     (height, width), (columns, rows) = camera.plane, camera.resolution
     x = ((np.arange(columns) + 0.5) / columns - camera.principal[0]) * width
     y = ((rows - np.arange(rows) - 0.5) / rows - camera.principal[1]) * height
     across, up = np.broadcast_arrays(x, y[:, None])
-    return np.stack([across, up, np.full_like(across, camera.focal)], axis=-1) @ axes_of(camera) / camera.focal
+    return np.stack([across, up, np.full_like(across, camera.focal)], axis=-1) @ camera_axes(camera) / camera.focal
 
 
 def in_image(camera: clshade.Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where points (K, 3) are in the image, in pixels to the right and down (K, 2), and their depths (K,)."""
     (height, width), (columns, rows) = camera.plane, camera.resolution
-    x, y, z = ((points - camera.eye) @ axes_of(camera).T).T
+    x, y, z = ((points - camera.eye) @ camera_axes(camera).T).T
     across = (x * camera.focal / z / width + camera.principal[0]) * columns
     up = (y * camera.focal / z / height + camera.principal[1]) * rows
     return np.stack([across, rows - up], axis=1), z
@@ -99,7 +90,7 @@ def seen(name: str, scene: clshade.Scene) -> clshade.Scene:
     verts, faces = triangles(scene)
     used, inverse = np.unique(faces, return_inverse=True)
     camera = scene.camera
-    right, up, _ = axes_of(camera)
+    right, up, _ = camera_axes(camera)
     side = 0.5 * float(np.linalg.norm(camera.lookat - camera.eye))
     light = camera.eye + side * (up + 0.5 * right)
     return plain(name, verts[used], inverse.reshape(-1, 3), camera, light)
@@ -366,7 +357,7 @@ class OpenGL:
         )
         z = in_image(camera, verts.astype(np.float64))[1]
         self._range = near, far = float(z.min() / 2.0), float(z.max() * 2.0)
-        (height, width), axes, lens, pose = camera.plane, axes_of(camera), np.zeros((4, 4)), np.eye(4)
+        (height, width), axes, lens, pose = camera.plane, camera_axes(camera), np.zeros((4, 4)), np.eye(4)
         lens[0, 0], lens[1, 1] = 2.0 * camera.focal / width, 2.0 * camera.focal / height
         lens[2, 2:] = (far + near) / (far - near), -2.0 * far * near / (far - near)
         lens[3, 2] = 1.0
@@ -474,7 +465,7 @@ class Riley:
         self._meshes = [riley.create_mesh(form, riley.MeshType.tri3opt, verts, faces, shader) for shader in shaders]
         camera = scene.camera
         (height, width), (columns, rows) = camera.plane, camera.resolution
-        right, up, forward = axes_of(camera)
+        right, up, forward = camera_axes(camera)
         turn = np.stack([right, up, -forward], axis=1)  # about x, then y, then z
         angles = (
             np.arctan2(turn[1, 0], turn[0, 0]),
@@ -501,7 +492,7 @@ class Riley:
         normals, points = (np.moveaxis(image, 0, -1) for image in drawn)
         shown = (points != self.NOWHERE).all(axis=2)
         normals, points = normals[shown], points[shown]
-        depth = (points - self._scene.camera.eye) @ axes_of(self._scene.camera)[2]
+        depth = (points - self._scene.camera.eye) @ camera_axes(self._scene.camera)[2]
         return picture_of(shown, lambert(normals, points, self._scene), depth)
 
 
@@ -621,7 +612,7 @@ def measure(scene: clshade.Scene, names: Sequence[str], rounds: int, failed: dic
     return results
 
 
-# Tables and figure
+# Tables
 
 
 TABLES = {"wrong pixels": "wrong", "depth, RMS": "depth", "color, RMSE": "color", "ms": "ms"}
@@ -639,29 +630,14 @@ def table(results: Sequence[Result], title: str, field: str) -> list[str]:
     return lines
 
 
-def plot(results: Sequence[Result], path: Path) -> None:
-    """Draw the error of the color against the time of a frame, a point for each scene."""
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
-    axes = figure.subplots()
-    for name in dict.fromkeys(result.name for result in results):
-        mine = [(result.ms, max(result.color or 0.0, 1e-9)) for result in results if result.name == name]
-        axes.plot(*np.array(mine).T, "o", label=name)
-    axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="RMSE of the linear color")
-    axes.legend()
-    axes.grid(alpha=0.2)
-    figure.savefig(path)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=list(SCENES), default=list(SCENES), metavar="SCENE")
     parser.add_argument("--renderers", nargs="+", choices=list(RENDERERS), default=list(RENDERERS), metavar="NAME")
     parser.add_argument("--frames", type=int, default=FRAMES, metavar="N", help=f"timed frames (default: {FRAMES})")
-    parser.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="of other_renderers.png")
     options = parser.parse_args(arguments)
     if options.frames < 1:
         parser.error("--frames: expected a whole number above 0")
-    options.out.mkdir(parents=True, exist_ok=True)
     results: list[Result] = []
     failed: dict[str, list[str]] = {}
     for name in options.only:
@@ -674,7 +650,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     changed = dict.fromkeys(f"{entry.name}: two frames have different bits" for entry in results if not entry.same)
     missing = (f"not drawn: {', '.join(scenes)}: {why}" for why, scenes in failed.items())
     print("\n".join(["", *titles, *changed, *missing]))
-    plot(results, options.out / "other_renderers.png")
     return 0 if results else 1
 
 
