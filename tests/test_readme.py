@@ -41,11 +41,6 @@ BLOCKS = [
     for match in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 ]
 PYTHON = [block for block in BLOCKS if block.language == "python"]
-# Of commit 1e1eb0f, by which figures were measured.
-EARLIER_OPTIONS = re.findall(
-    "--[a-z-]+", "--family --sizes --peers --limits --features --instances --scaling --functions"
-)
-EARLIER_OPTIONS.append("--random-rounding")
 # Of our pytest plugin, pytest-xdist, oiiotool, dask, Chromium.
 OTHERS_OPTIONS = {plugin.UPDATE, plugin.OUT, "--dist", "--info", "--port", "--nworkers", "--nthreads"}
 OTHERS_OPTIONS |= {"--headless", "--window-size"}
@@ -148,7 +143,7 @@ def test_every_option_exists():
     options = set().union(*map(options_of, (*commands, *scripts)))
     for document, text in TEXTS.items():
         named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", text))
-        assert named - options - OTHERS_OPTIONS <= set(EARLIER_OPTIONS if "1e1eb0f" in text else ()), document
+        assert named - options - OTHERS_OPTIONS == set(), document
 
 
 def headings(document: str) -> set[str]:

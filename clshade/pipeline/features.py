@@ -352,8 +352,8 @@ _REASONS: dict[str, Callable[[Drawn], str]] = {
     ),
 }
 FEATURES, OPTIONAL = (*_CHOICES, *WORK), tuple(WORK)
-# Those of which there are programs with and without: leaving them out saves 5 % of some scene's frame, as `bench --features`
-# of commit 1e1eb0f measured. The others are conditions at run time (`NEEDS` in kernels/features.clh), or follow from tables.
+# Those of which there are programs with and without: leaving them out saves 5 % of some scene's frame.
+# The others are conditions at run time (`NEEDS` in kernels/features.clh), or follow from tables.
 COMPILED = ("DOUBLE", "SAMPLES", "PHONG", "PBR", "DEPTH_TEST", "INSTANCES", "CASTERS")
 _BITS = {name: index for index, name in enumerate(name for name in FEATURES if name not in COMPILED)}
 _RARE = (

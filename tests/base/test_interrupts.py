@@ -113,11 +113,12 @@ def contents(folder: Path) -> list[bytes]:
     return [(folder / name).read_bytes() for name in OUTPUTS]
 
 
-@pytest.fixture
-def cache(opened, tmp_path):
-    """Return a cache with nothing but what is known of devices, which takes seconds to try."""
-    shutil.copytree(environment.cache_root() / "verdicts", tmp_path / "cache" / "clshade" / "verdicts")
-    return tmp_path / "cache"
+@pytest.fixture(scope="module")
+def cache(opened, tmp_path_factory):
+    """Return a cache that holds at first what is known of devices, which takes seconds to try."""
+    folder = tmp_path_factory.mktemp("cache")
+    shutil.copytree(environment.cache_root() / "verdicts", folder / "clshade" / "verdicts")
+    return folder
 
 
 def assert_ends_soon(process: subprocess.Popen[str], cache: Path | None = None) -> None:

@@ -83,7 +83,7 @@ def missed(count: int, together: int, seed: int) -> list[str]:
 @needs_device
 @pytest.mark.parametrize(
     ("count", "together", "seed", "most"),
-    [(300, 1, 0, 1), (40, 2, 0, 10)],
+    [(60, 1, 0, 1), (15, 2, 0, 0)],
 )
 def test_most_planted_mistakes_are_named_first(count, together, seed, most):
     lines = missed(count, together, seed)
