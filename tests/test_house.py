@@ -62,14 +62,10 @@ def test_the_oracle_never_reads_the_kernels():
             assert not re.search(r"\b(open|read_text|read_bytes|fromfile|loadtxt)\(", source), name
 
 
-# Public names
-
-
 def test_every_public_name_can_be_had_and_is_seen_by_type_checkers():
     assert all(getattr(clshade, name) is not None for name in clshade.__all__)
     assert dir(clshade) == sorted(clshade.__all__)
-    tree = ast.parse(SOURCES["__init__.py"])
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    (block,) = (node for node in ast.parse(SOURCES["__init__.py"]).body if isinstance(node, ast.If))
     relative = [(alias.asname, node.module) for node in block.body for alias in node.names if node.level]
     assert {name: f"clshade.{module or name}" for name, module in relative} == clshade._HOMES
     assert (PACKAGE / "py.typed").is_file()
@@ -88,8 +84,7 @@ def test_no_module_has_the_name_of_a_public_function():
 
 def test_every_path_of_the_documents_can_be_had():
     """Except in the list of changes, which names former ones."""
-    documents = [ROOT / "README.md", *PACKAGE.rglob("README.md")]
-    text = "\n".join(path.read_text() for path in documents)
+    text = "\n".join(path.read_text() for path in [ROOT / "README.md", *PACKAGE.rglob("README.md")])
     paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
     assert {".farm.draw_frames", ".exr.read", ".load"} <= paths
     for path in sorted(paths):
@@ -108,10 +103,7 @@ PARSERS = "from clshade.cli import main; [main._parser([name]) for name in main.
     ("code", "allowed"),
     [
         ("import clshade", ()),
-        (
-            "import clshade; clshade.Scene, clshade.load, clshade.builtin, clshade.exr.read, clshade.view",
-            ("numpy",),
-        ),
+        ("import clshade; clshade.Scene, clshade.load, clshade.builtin, clshade.exr.read, clshade.view", ("numpy",)),
         ("import clshade; clshade.course.light, clshade.farm.draw_frames", ("numpy", "pyopencl")),
         (PARSERS.format("not in", DRAWING), ()),
         (PARSERS.format("in", DRAWING), ("numpy",)),

@@ -28,9 +28,7 @@ LINK = re.compile(r"\[([^]]+)\]\([^)]+\)")
 def readme_rows() -> dict[str, tuple[str, ...]]:
     """Return channels, type, description and background of each layer, by the README's table."""
     rows = re.findall(r"^\| `(\w+)` \| `([^|`]+)` \| (.+) \| (.+) \| (\w+) \|$", README, re.MULTILINE)
-    return {
-        name: (channels, kind, LINK.sub(r"\1", what), background) for name, channels, kind, what, background in rows
-    }
+    return {name: (channels, kind, LINK.sub(r"\1", what), outside) for name, channels, kind, what, outside in rows}
 
 
 # Channel of a frame without scalars -> type, f for float and u for uint, with its bits.
@@ -47,8 +45,7 @@ def test_the_readme_has_the_rows_of_the_table():
     expected = {}
     for name, row in LAYER_TABLE.items():
         channels = " ".join(f"{name}.{letter}" for letter in row.components) or name
-        background = ends.get(row.background, "NaN")
-        expected[name] = channels, kinds[row.kind].format(name), row.described(), background
+        expected[name] = channels, kinds[row.kind].format(name), row.described(), ends.get(row.background, "NaN")
     assert readme_rows() == expected
 
 
@@ -104,8 +101,7 @@ def test_the_header_names_objects_materials_and_instances(opened, tmp_path):
     named = replace(wedge(), name="Keil \u00e4", material=replace(wedge().material, name="T\u00f6n"))
     placed = replace(dome(), instance_names=("links", "", "Mitte \u00e4"))
     scene = Scene((placed, replace(named, name=""), named), CAMERA)
-    frame = clshade.render(scene, device=opened, layers=("object_id", "material_id", "instance_id"))
-    frame.save(tmp_path / "a")
+    clshade.render(scene, device=opened, layers=("object_id", "material_id", "instance_id")).save(tmp_path / "a")
     channels, header = exr.read(tmp_path / "a.exr")
     assert json.loads(header["objectNames"]) == {"1": "dome", "3": "Keil \u00e4"}
     assert json.loads(header["materialNames"]) == {"1": "shell", "2": "T\u00f6n"}

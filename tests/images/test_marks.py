@@ -37,9 +37,6 @@ def test_the_axes_point_where_they_do(side):
     assert (edge == 255).all()  # nothing is cut
 
 
-# Text
-
-
 def test_text_is_shortened_to_its_width():
     text = "a rather long title of a view"
     for width in range(0, 300, 7):
@@ -51,8 +48,7 @@ def test_text_is_shortened_to_its_width():
 
 
 def test_characters_that_cannot_be_drawn(recwarn):
-    hostile = "a\nb\x1b[31m\udce9\u4e2d é"
-    printable = marks.drawable(hostile)
+    printable = marks.drawable("a\nb\x1b[31m\udce9\u4e2d é")
     assert printable == "a?b?[31m?? é"
     picture = np.full((30, 200, 3), 255, np.uint8)
     marks.draw_text(picture, 2, 20, 9.0, printable)
@@ -79,9 +75,6 @@ def test_numbers_are_round_and_all_there(ends, labels):
     assert all(0.0 <= place <= 1.0 for place in places)
     image, ground = np.zeros((90, 7, 3), np.uint8), np.array([255, 255, 255], np.uint8)
     assert with_colorbar(image, "jet", ends, "a $\\frac name\n" * 20, ground).shape[0] == 90
-
-
-# Crops
 
 
 IMAGE = np.random.default_rng(5).integers(0, 256, (40, 60, 3), dtype=np.uint8)
