@@ -80,7 +80,7 @@ def public() -> dict[str, Any]:
 
 def test_docstrings_say_what_their_subjects_take():
     subjects = public()
-    assert {"clshade.load", "clshade.Camera.from_fov", "clshade.Scene.face_count", "clshade.farm.Run.rate"} <= set(
-        subjects
-    )
+    assert {"clshade.load", "clshade.Camera.from_fov", "clshade.Scene.face_count", "clshade.farm.Run.rate"} <= {
+        *subjects
+    }
     assert {name: lines for name, subject in subjects.items() if (lines := faults(subject))} == {}

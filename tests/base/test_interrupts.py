@@ -73,12 +73,9 @@ HOOKS = {
 
 
 def popen(code: str, *arguments: str, cwd: Path, **variables: str) -> subprocess.Popen[str]:
-    command, environment = (
-        [sys.executable, "-c", code, *arguments],
-        {**os.environ, "PYTHONPATH": str(ROOT), **variables},
-    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, cwd=cwd, env=environment, **streams)
+    return subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=cwd, env=environment, **streams)
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:

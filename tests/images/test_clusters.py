@@ -13,9 +13,9 @@ from clshade.images.compare import Cluster, find_clusters, leading_clusters
 from clshade.images.image_file import Picture
 
 
-def planted(shape=(120, 160)):
+def planted():
     """Return errors with three regions, of 200, 30 and 1 pixels, above noise of at most 1e-4."""
-    errors = np.random.default_rng(3).uniform(0.0, 1e-4, shape)
+    errors = np.random.default_rng(3).uniform(0.0, 1e-4, (120, 160))
     errors[20:30, 40:60] = 0.1
     errors[22, 50] = 0.2
     errors[80:110, 150] = 0.05

@@ -74,19 +74,14 @@ IDS = np.uint32([2**32 - 1, 7, 0])
 @pytest.mark.parametrize(
     ("values", "expected", "threshold", "different", "over", "nonfinite", "maximum"),
     [
-        (DEPTHS, BLACK, None, 3, 3, 0, 2.0),
-        (DEPTHS, BLACK, 0.0, 3, 3, 0, 2.0),
-        (DEPTHS, BLACK, 0.5, 3, 2, 0, 2.0),  # strictly above
-        (DEPTHS, BLACK, 2.0, 3, 0, 0, 2.0),
+        # Over is what is strictly above the limit.
+        *((DEPTHS, BLACK, limit, 3, over, 0, 2.0) for limit, over in ((None, 3), (0.0, 3), (0.5, 2), (2.0, 0))),
         (HALF, np.float32([0.1, 0.5]), None, 1, 1, 0, abs(float(np.float16(0.1)) - float(np.float32(0.1)))),
         # NaN and infinity exceed any threshold; the metrics cover the pixels that are finite in both images.
-        (UNKNOWN, ONE, 1e30, 1, 1, 1, 0.0),
         (ONE, UNKNOWN, 1e30, 1, 1, 1, 0.0),
-        (FAR, ONE, 1e30, 1, 1, 1, 0.0),
-        (FAR, np.float32([-np.inf, 2.0]), 1e30, 1, 1, 1, 0.0),
-        (UNKNOWN, FAR, 1e30, 1, 1, 1, 0.0),
-        (UNKNOWN, UNKNOWN, 1e30, 0, 0, 0, 0.0),
-        (FAR, FAR, 1e30, 0, 0, 0, 0.0),
+        *((UNKNOWN, other, 1e30, 1, 1, 1, 0.0) for other in (ONE, FAR)),
+        *((FAR, other, 1e30, 1, 1, 1, 0.0) for other in (ONE, np.float32([-np.inf, 2.0]))),
+        *((same, same, 1e30, 0, 0, 0, 0.0) for same in (UNKNOWN, FAR)),
         (np.float32([-0.0]), np.float32([0.0]), 0.0, 0, 0, 0, 0.0),
         # Whole numbers are compared exactly, also where float32 cannot distinguish them, and against floats.
         (np.uint32([2**32 - 2, 7, 0]), IDS, 1e9, 1, 1, 0, None),
@@ -103,7 +98,6 @@ def test_what_counts_as_different(values, expected, threshold, different, over, 
 
 
 def test_large_images_are_compared_in_strips(monkeypatch):
-    """Strips of one, two, three rows: the same figures, and the worst pixel in the last strip."""
     reference = layers()
     changed = deepcopy(reference)
     changed["G"] += np.float32(0.01)
@@ -266,8 +260,7 @@ def test_refused(files, capsys):
         (("a.png", "a.exr"), ("a.png", "an EXR", "a PNG")),
         (("text.exr", "a.exr"), ("text.exr",)),
         (("a.exr", "none.exr"), ("none.exr", "no such file")),
-        (("a.exr", "b.exr", "--threshold", "-1"), ("--threshold", "'-1'")),
-        (("a.exr", "b.exr", "--threshold", "nan"), ("--threshold", "'nan'")),
+        *((("a.exr", "b.exr", "--threshold", text), ("--threshold", f"'{text}'")) for text in ("-1", "nan")),
         (("a.exr", "b.exr", "-o", "none/a.png"), ("none/a.png", "there is no folder")),
         (("a.exr", "b.exr", "-o", "a.exr"), ("--output", ".png", "a.exr")),
         (("a.png", "a.png", "-o", "./a.png"), ("--output", "is read: choose another file", "./a.png")),

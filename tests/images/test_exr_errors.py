@@ -187,7 +187,7 @@ def subsampled(data: bytes) -> bytes:
 
 
 SIXTY = tuple(f"layer{k:02d}.R" for k in range(60))
-LARGEST = (0, 0, 16383, 16383)
+LARGEST, TOO_LARGE = (0, 0, 16383, 16383), (0, 0, 65535, 65535)
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,7 @@ LARGEST = (0, 0, 16383, 16383)
         ("dwaa", "RGBAZ", lambda data: wide(data, 0, 0, 6881326, 32), "dataWindow: expected pixels that "),
         ("zip", SIXTY, lambda data: wide(data, *LARGEST), "dataWindow: expected pixels that "),
         ("zstd", ("Z", "N.X"), lambda data: wide(data, -(10**8), 5, 10**8, 5), "dataWindow: expected pixels that "),
-        (
-            "none",
-            "R",
-            lambda data: wide(data, 0, 0, 65535, 65535, name=b"displayWindow"),
-            "displayWindow: expected 1 to",
-        ),
+        ("none", "R", lambda data: wide(data, *TOO_LARGE, name=b"displayWindow"), "displayWindow: expected 1 to"),
         ("none", ("RY", "Y"), subsampled, "RY: expected a value for every pixel"),
     ],
 )

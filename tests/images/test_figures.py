@@ -14,8 +14,6 @@ from clshade.images import exr, figures
 from clshade.images.figures import NOTHING, thumbnails
 from clshade.images.image_file import color_group, group_channels
 
-RNG = np.random.default_rng(3)
-
 
 def drawn():
     figure = figures.blank(3.0, 2.0)
@@ -94,7 +92,7 @@ def test_the_color_layer():
 
 
 def test_directions_and_positions():
-    normals = RNG.normal(size=(8, 9, 3))
+    normals = np.random.default_rng(3).normal(size=(8, 9, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     normals[0] = 0.0  # the background
     pixels, note = thumbnails(exr.flatten({"N": normals.astype(np.float16)}))["N"]

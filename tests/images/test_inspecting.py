@@ -122,17 +122,12 @@ def test_no_image(tmp_path, capsys, content):
     assert os.listdir(tmp_path) == ["a.exr"]
 
 
-def panels_of(figure):
-    pictured = (axes for axes in figure.axes if axes.images)
-    return {axes.get_title().split("\n")[0]: np.asarray(axes.images[0].get_array()) for axes in pictured}
-
-
 def test_the_figure_is_upright_and_has_every_layer(tmp_path):
     pixels = np.zeros((40, 60, 3), np.float32)
     pixels[:20, :20, 0] = 4.0  # red, upper left: 4 * 0.2126 is 0.23 stops below 1
     others = {"Z": np.full((40, 60), np.inf, np.float32), "id": np.eye(40, 60, dtype=np.uint32)}
     figure = statistics.draw(Picture({**exr.flatten(pixels), **others}), "a $name_ of\nothers")
-    shown = panels_of(figure)
+    shown = {axes.get_title().split("\n")[0]: axes.images[0].get_array() for axes in figure.axes if axes.images}
     assert {"RGB", "Z", "id"} <= set(shown)
     for stops in range(-4, 5):
         name = {0: "as it is", 1: "+1 stop", -1: "-1 stop"}.get(stops, f"{stops:+d} stops")

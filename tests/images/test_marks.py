@@ -10,11 +10,9 @@ from clshade.images import marks
 from clshade.images.figures import _ticks, with_colorbar
 from clshade.images.marks import AXES, COLORS, Crop, fade, magnify, mark_crops
 
-FRONT = np.diag([1.0, 1.0, -1.0])  # right, up, forward
 
-
-def near(picture, color, tolerance=12):
-    return np.nonzero(np.abs(picture.astype(int) - color).max(axis=-1) <= tolerance)
+def near(picture, color):
+    return np.nonzero(np.abs(picture.astype(int) - color).max(axis=-1) <= 12)
 
 
 @pytest.mark.parametrize(("limit", "length"), [(1.0, 1.0), (0.99, 0.5), (0.3, 0.2), (19.999, 10.0), (4.2e12, 2e12)])
@@ -25,7 +23,7 @@ def test_round_length(limit, length):
 @pytest.mark.parametrize("side", [44, 100])
 def test_the_axes_point_where_they_do(side):
     """Seen from the front, x goes to the right, y up, and z is a dot at the origin."""
-    picture = marks.triad(FRONT, side)
+    picture = marks.triad(np.diag([1.0, 1.0, -1.0]), side)  # right, up, forward
     assert picture.shape == (side, side, 3)
     (_, x_columns), (y_rows, y_columns), (z_rows, z_columns) = (near(picture, color) for color in AXES.values())
     assert x_columns.max() > y_columns.max() + 0.2 * side

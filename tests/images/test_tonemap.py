@@ -176,13 +176,10 @@ def test_display_values_are_what_is_rounded_to_codes(operator):
 @pytest.mark.parametrize(
     ("arguments", "name"),
     [
-        ((np.zeros((2, 2)),), "rgb"),
-        ((np.zeros((2, 2, 4)),), "rgb"),
+        *(((np.zeros(shape),), "rgb") for shape in ((2, 2), (2, 2, 4))),
         ((np.zeros((2, 2, 3), np.uint8),), "rgb"),
         ((np.zeros((2, 2, 3)), "filmic"), "operator"),
-        ((np.zeros((2, 2, 3)), "srgb", np.nan), "exposure"),
-        ((np.zeros((2, 2, 3)), "srgb", 301), "exposure"),
-        ((np.zeros((2, 2, 3)), "srgb", "bright"), "exposure"),
+        *(((np.zeros((2, 2, 3)), "srgb", exposure), "exposure") for exposure in (np.nan, 301, "bright")),
     ],
 )
 def test_refused_arguments(arguments, name):

@@ -211,9 +211,9 @@ def test_depths_much_nearer_than_a_corner_keep_their_digits(orthographic):
     assert abs(Fraction(float(shade.depth(np.array(e), np.array(z), orthographic))) / exact - 1) < 8 * 2.0**-53
 
 
-def lit(point=(0, 0, 0), normal=(0, 0, 1), color=1.0, eye=(0, 0, 2), l_pos=(0, 0, 5), kd=0.5, ks=0.0, n=1.0):
+def lit(normal=(0, 0, 1), color=1.0, eye=(0, 0, 2), l_pos=(0, 0, 5), kd=0.5, ks=0.0, n=1.0):
     """Return the light of a light of intensity 2, and ambient light of 0.1."""
-    args, one = (np.array(v, float) for v in (point, normal, eye)), np.ones(3)
+    args, one = (np.array(v, float) for v in ((0, 0, 0), normal, eye)), np.ones(3)
     surface = Surface(n, k={"kd": kd * one, "ks": ks * one})
     return 0.1 + color * shade.reflected(Interaction(*args, Lights(np.array([l_pos], float), 2 * one[None])), surface)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import oracle_asserts
@@ -60,19 +59,17 @@ def test_floor_through_the_eye_plane():
     assert np.isfinite(frame.rgb).all()
 
 
-def pixel_position(row: int, column: int, z: float = 0.0) -> np.ndarray:
-    """Return the intersection of a pixel's ray of CAMERA with the plane at height z."""
-    step = (4 - z) / 32
-    return np.array([(column - 15.5) * step, (15.5 - row) * step, z])
+def pixel_position(row: int, column: int) -> np.ndarray:
+    """Return the intersection of a pixel's ray of CAMERA with the plane z = 0."""
+    return np.array([(column - 15.5) / 8, (15.5 - row) / 8, 0.0])
 
 
-def phong(point, normal, light=LIGHT, eye=(0, 0, 4), ka=0.1, kd=0.8, ks=0.5, n=20.0, ambient=0.3):
+def phong(point, normal, ka=0.1, kd=0.8, ks=0.5, n=20.0, ambient=0.3):
     """Evaluate the reflection model independently, for one white point, in plain vectors."""
-    to_light, to_eye = light.position - point, np.array(eye) - point
-    to_light, to_eye = to_light / math.hypot(*to_light), to_eye / math.hypot(*to_eye)
+    to_light, to_eye = (v / math.hypot(*v) for v in (LIGHT.position - point, CAMERA.eye - point))
     n_l = normal @ to_light
     r_v = (2 * normal * n_l - to_light) @ to_eye
-    return ka * ambient + light.intensity * (kd * max(0, n_l) + (ks * r_v**n if n_l > 0 and r_v > 0 else 0))
+    return ka * ambient + LIGHT.intensity * (kd * max(0, n_l) + (ks * r_v**n if n_l > 0 and r_v > 0 else 0))
 
 
 UP = np.array([0.0, 0, 1])
@@ -208,17 +205,14 @@ def test_texture_rows_go_up_with_v():
     assert (draw(broken, shader="nolight").rgb[12:20, 12:20] == image[0, 0]).all()
 
 
-def blob(count: int = 400, seed: int = 6) -> Mesh:
-    """Return triangles of all sizes around the origin, some of them behind the eye."""
-    rng = np.random.default_rng(seed)
-    middles, corners = rng.normal(size=(count, 1, 3)) * [1, 1, 2], rng.normal(size=(count, 3, 3))
-    verts = np.round((middles + corners * rng.uniform(0.05, 1, (count, 1, 1))) * 64) / 64
-    return Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors=rng.uniform(0, 1, (3 * count, 3)))
-
-
 @pytest.fixture(scope="module", params=PRESETS)
 def case(request):
-    scene, settings = Scene((blob(),), CAMERA, (LIGHT,), preset=request.param), Settings.from_preset(request.param)
+    """Return a frame, its scene and settings: triangles of all sizes around the origin, some of them behind the eye."""
+    rng = np.random.default_rng(6)
+    middles, corners = rng.normal(size=(400, 1, 3)) * [1, 1, 2], rng.normal(size=(400, 3, 3))
+    verts = np.round((middles + corners * rng.uniform(0.05, 1, (400, 1, 1))) * 64) / 64
+    mesh = Mesh(verts.reshape(-1, 3), np.arange(1200).reshape(-1, 3), colors=rng.uniform(0, 1, (1200, 3)))
+    scene, settings = Scene((mesh,), CAMERA, (LIGHT,), preset=request.param), Settings.from_preset(request.param)
     return oracle.render(scene, settings), scene, settings
 
 
@@ -250,16 +244,15 @@ def test_pixels_parts_and_depth_at_agree_with_render(case, monkeypatch):
             assert (oracle.depth_at(scene, settings, face, rows.ravel(), columns.ravel()) >= frame.Z.ravel()).all()
 
 
-class Rounded(SimpleNamespace):
+class Rounded:
     """An oracle frame with the types of a rendered one."""
+
+    def __init__(self, frame: oracle.OracleFrame) -> None:
+        self.rgb, self.alpha = frame.rgb.astype(np.float32), frame.alpha.astype(np.float32)
+        self.layers = {"id": frame.id.copy(), "Z": frame.Z.astype(np.float32)}
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.layers[name]
-
-
-def rounded(frame: oracle.OracleFrame) -> Rounded:
-    layers = {"id": frame.id.copy(), "Z": frame.Z.astype(np.float32)}
-    return Rounded(rgb=frame.rgb.astype(np.float32), alpha=frame.alpha.astype(np.float32), layers=layers)
 
 
 @pytest.mark.parametrize(
@@ -276,7 +269,7 @@ def rounded(frame: oracle.OracleFrame) -> Rounded:
     ],
 )
 def test_comparators_accept_rounding_and_find_planted_errors(case, message, plant):
-    frame = rounded(case[0])
+    frame = Rounded(case[0])
     assert 0 < oracle_asserts.assert_frame(frame, *case).bounds <= 1  # one rounding of at most the budget
     plant(frame)
     with pytest.raises(AssertionError, match=message):
@@ -284,7 +277,7 @@ def test_comparators_accept_rounding_and_find_planted_errors(case, message, plan
 
 
 def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
-    expected, frame = case[0], rounded(case[0])
+    expected, frame = case[0], Rounded(case[0])
     at = tuple(np.argwhere(expected.id > 0)[:3].T)
     frame.rgb[at] += 0.5 * expected.budget[at].astype(np.float32)
     jump = np.zeros_like(expected.jump)
