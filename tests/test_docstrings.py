@@ -79,8 +79,7 @@ def public() -> dict[str, Any]:
 
 
 def test_docstrings_say_what_their_subjects_take():
+    names = "clshade.load", "clshade.Camera.from_fov", "clshade.Scene.face_count", "clshade.farm.Run.rate"
     subjects = public()
-    assert {"clshade.load", "clshade.Camera.from_fov", "clshade.Scene.face_count", "clshade.farm.Run.rate"} <= {
-        *subjects
-    }
+    assert set(names) <= set(subjects)
     assert {name: lines for name, subject in subjects.items() if (lines := faults(subject))} == {}

@@ -8,10 +8,10 @@ from command_line import assert_refused, listing, run
 from scene_files import TRIANGLE, write
 
 import clshade
-from clshade import farm
 from clshade.base.spelling import hint, nearest
 from clshade.cli.main import COMMANDS, _parser
 from clshade.errors import InputError
+from clshade.farm import draw_frames
 from clshade.images import exr
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.frame import Frame
@@ -96,11 +96,8 @@ def frame_with(*layers: str) -> Frame:
         (lambda: frame_with().save("a", tonemapp="aces"), "Frame.save: tonemapp: "),
         (lambda: exr.write(5, np.zeros((2, 2, 3))), "exr.write: path: expected a path (text), found 5"),
         (lambda: clshade.load(b"a.obj"), "load: path: expected a path (text), found b'a.obj'"),
-        (lambda: farm.draw_frames(SCENE, [SCENE.camera], "a.#"), "draw_frames: cameras: expected "),
-        (
-            lambda: farm.draw_frames(SCENE, {1: SCENE.camera}, "a.#", saving={"halve": True}),
-            "draw_frames: saving: halve: ",
-        ),
+        (lambda: draw_frames(SCENE, [SCENE.camera], "a.#"), "draw_frames: cameras: expected "),
+        (lambda: draw_frames(SCENE, {1: SCENE.camera}, "a.#", saving={"halve": 1}), "draw_frames: saving: halve: "),
     ],
 )
 def test_keywords_and_values(call, message):

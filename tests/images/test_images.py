@@ -61,8 +61,8 @@ def assert_read(path, levels, warned: bool) -> None:
             image = np.asarray(read_image(path, srgb=srgb))
         messages = [str(warning.message) for warning in caught]
         assert messages == [f"{path}: image: its alpha channel is left out"] * warned
-        assert image.dtype == np.float32
-        assert np.array_equal(image, (srgb_to_linear(levels) if srgb else levels).astype(np.float32))
+        expected = (srgb_to_linear(levels) if srgb else levels).astype(np.float32)
+        np.testing.assert_array_equal(image, expected, strict=True)
 
 
 def test_files_that_are_refused(tmp_path):
