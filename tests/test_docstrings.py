@@ -72,17 +72,14 @@ def public() -> dict[str, Any]:
                 subjects[f"{module.__name__}.{name}"] = value
     for title, owner in [(title, value) for title, value in subjects.items() if inspect.isclass(value)]:
         for name, value in vars(owner).items():
-            if name.startswith("_") and name != "__getitem__":
-                continue
-            if inspect.isfunction(value) or isinstance(value, (property, classmethod, staticmethod)):
+            is_method = inspect.isfunction(value) or isinstance(value, (property, classmethod, staticmethod))
+            if is_method and (not name.startswith("_") or name == "__getitem__"):
                 subjects[f"{title}.{name}"] = value if isinstance(value, property) else getattr(owner, name)
     return subjects
 
 
-PUBLIC = public()
-
-
 def test_docstrings_say_what_their_subjects_take():
     names = "clshade.load", "clshade.Camera.from_fov", "clshade.Scene.face_count", "clshade.farm.Run.rate"
-    assert set(names) <= set(PUBLIC)
-    assert {name: lines for name, subject in PUBLIC.items() if (lines := faults(subject))} == {}
+    subjects = public()
+    assert set(names) <= set(subjects)
+    assert {name: lines for name, subject in subjects.items() if (lines := faults(subject))} == {}

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
-import sys
 from fnmatch import fnmatch
-from pathlib import Path
+from operator import attrgetter
 
 import pytest
+from processes import ROOT, python
 
 import clshade
 from clshade.cli import main
 
-ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "clshade"
 SOURCES = {str(path.relative_to(PACKAGE)): path.read_text() for path in PACKAGE.rglob("*.py")}
 ROOMS = {"base", "images", "scene", "oracle", "pipeline", "course", "farm", "view", "measure", "cli"}
@@ -62,14 +60,10 @@ def test_the_oracle_never_reads_the_kernels():
             assert not re.search(r"\b(open|read_text|read_bytes|fromfile|loadtxt)\(", source), name
 
 
-# Public names
-
-
 def test_every_public_name_can_be_had_and_is_seen_by_type_checkers():
     assert all(getattr(clshade, name) is not None for name in clshade.__all__)
     assert dir(clshade) == sorted(clshade.__all__)
-    tree = ast.parse(SOURCES["__init__.py"])
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    (block,) = (node for node in ast.parse(SOURCES["__init__.py"]).body if isinstance(node, ast.If))
     relative = [(alias.asname, node.module) for node in block.body for alias in node.names if node.level]
     assert {name: f"clshade.{module or name}" for name, module in relative} == clshade._HOMES
     assert (PACKAGE / "py.typed").is_file()
@@ -87,15 +81,10 @@ def test_no_module_has_the_name_of_a_public_function():
 
 
 def test_every_path_of_the_documents_can_be_had():
-    """Except in the list of changes, which names former ones."""
-    documents = [ROOT / "README.md", *PACKAGE.rglob("README.md")]
-    text = "\n".join(path.read_text() for path in documents)
+    text = "\n".join(path.read_text() for path in [ROOT / "README.md", *PACKAGE.rglob("README.md")])
     paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
     assert {".farm.draw_frames", ".exr.read", ".load"} <= paths
-    for path in sorted(paths):
-        target: object = clshade
-        for name in path[1:].split("."):
-            target = getattr(target, name)
+    attrgetter(*(path[1:] for path in sorted(paths)))(clshade)
 
 
 HEAVY = ("numpy", "pyopencl", "OpenEXR", "matplotlib", "PIL", "trimesh", "scipy", "dask", "distributed")
@@ -108,10 +97,7 @@ PARSERS = "from clshade.cli import main; [main._parser([name]) for name in main.
     ("code", "allowed"),
     [
         ("import clshade", ()),
-        (
-            "import clshade; clshade.Scene, clshade.load, clshade.builtin, clshade.exr.read, clshade.view",
-            ("numpy",),
-        ),
+        ("import clshade; clshade.Scene, clshade.load, clshade.builtin, clshade.exr.read, clshade.view", ("numpy",)),
         ("import clshade; clshade.course.light, clshade.farm.draw_frames", ("numpy", "pyopencl")),
         (PARSERS.format("not in", DRAWING), ()),
         (PARSERS.format("in", DRAWING), ("numpy",)),
@@ -119,6 +105,6 @@ PARSERS = "from clshade.cli import main; [main._parser([name]) for name in main.
 )
 def test_importing_costs_nothing_that_is_not_used(code, allowed):
     shown = f"{code}; import sys; print(*(n for n in {HEAVY} if n in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", shown], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    done = python(shown, "")
     assert done.returncode == 0, done.stderr
     assert set(done.stdout.split()) <= set(allowed)

@@ -8,7 +8,6 @@ import re
 import shlex
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,9 +40,8 @@ BLOCKS = [
     for match in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 ]
 PYTHON = [block for block in BLOCKS if block.language == "python"]
-# Of our pytest plugin, pytest-xdist, oiiotool, dask, Chromium.
-OTHERS_OPTIONS = {plugin.UPDATE, plugin.OUT, "--dist", "--info", "--port", "--nworkers", "--nthreads"}
-OTHERS_OPTIONS |= {"--headless", "--window-size"}
+# Of our pytest plugin, pytest-xdist, dask.
+OTHERS_OPTIONS = {plugin.UPDATE, plugin.OUT, "--dist", "--port", "--nworkers", "--nthreads"}
 
 
 def at_line(block: Block) -> str:
@@ -66,25 +64,17 @@ def namespaces() -> dict[str, dict[str, Any]]:
     return {document: {"blocks run": 0} for document in TEXTS}
 
 
-def described(comment: str) -> tuple[tuple[int, ...], str] | None:
-    """Return the shape and type of an array that a comment begins with, such as "(600, 800, 3) float32"."""
-    match = re.match(r"# (\([\d, ]+\)) (\w+)", comment)
-    return match and (ast.literal_eval(match[1]), match[2])
-
-
-def run_python(block: Block, namespace: dict[str, Any]) -> int:
-    """Run a block, check the arrays that its comments describe, and return their number."""
-    checked, lines = 0, block.text.splitlines()
+def run_python(block: Block, namespace: dict[str, Any]) -> None:
+    """Run a block, and check the arrays whose shape and type comments begin with, such as "(600, 800, 3) float32"."""
+    lines = block.text.splitlines()
     for statement in ast.parse(block.text).body:
-        code = compile(ast.Module([statement], []), at_line(block), "exec")
-        exec(code, namespace)
-        expected = described(lines[statement.end_lineno - 1][statement.end_col_offset :].strip())
-        if expected and isinstance(statement, ast.Expr):
+        exec(compile(ast.Module([statement], []), at_line(block), "exec"), namespace)
+        comment = lines[statement.end_lineno - 1][statement.end_col_offset :].strip()
+        described = re.match(r"# (\([\d, ]+\)) (\w+)", comment)
+        if described and isinstance(statement, ast.Expr):
             value = eval(ast.unparse(statement), namespace)
             shape, dtype = value if isinstance(value, tuple) else (value.shape, value.dtype)
-            assert (shape, str(dtype)) == expected, ast.unparse(statement)
-            checked += 1
-    return checked
+            assert (shape, str(dtype)) == (ast.literal_eval(described[1]), described[2]), ast.unparse(statement)
 
 
 @pytest.mark.long
@@ -128,7 +118,6 @@ def test_the_commands_of_the_quick_start_are_those_that_a_clean_machine_runs():
     assert tested.split("&&")[1].strip().removeprefix(".venv/bin/") in (ROOT / ".ci" / "run").read_text()
 
 
-@cache
 def options_of(command: str) -> set[str]:
     command_line = [sys.executable, *command.split()]
     done = subprocess.run(command_line, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
@@ -137,13 +126,11 @@ def options_of(command: str) -> set[str]:
 
 @pytest.mark.long
 def test_every_option_exists():
-    paths = [*sorted((ROOT / "demos").glob("demo*.py")), ROOT / "tests" / "fuzz" / "run.py"]
-    scripts = [f"{path} --help" for path in paths]
-    commands = [f"-m clshade {name} --help all" for name in COMMANDS]
-    options = set().union(*map(options_of, (*commands, *scripts)))
+    scripts = *(ROOT / "demos").glob("demo*.py"), ROOT / "tests" / "fuzz" / "run.py"
+    commands = *(f"{path} --help" for path in scripts), *(f"-m clshade {name} --help all" for name in COMMANDS)
+    options = set().union(*map(options_of, commands))
     for document, text in TEXTS.items():
-        named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", text))
-        assert named - options - OTHERS_OPTIONS == set(), document
+        assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)) <= options | OTHERS_OPTIONS, document
 
 
 def headings(document: str) -> set[str]:

@@ -39,28 +39,21 @@ def test_choices_are_the_values_that_are_taken():
         (framing.Up, framing.UPS),
     ):
         assert set(get_args(literal)) == set(values)
-    by_kind = {"uint32": layers.NumberLayer, "float64": layers.PointLayer, "real": layers.RealLayer}
-    for kind, literal in by_kind.items():
+    for kind, literal in {"uint32": layers.NumberLayer, "float64": layers.PointLayer, "real": layers.RealLayer}.items():
         assert set(get_args(literal)) == {name for name, row in layers.LAYER_TABLE.items() if row.kind == kind}
     assert len(layers.LAYER_WORDS) == sum(len(row.words) for row in layers.LAYER_TABLE.values())
 
 
-ALIASES = dict.fromkeys(("Rows", "Indices"), "ArrayLike | None")
-
-
 def accepted(annotation: str) -> str:
     """Return the type that a field accepts: the first of Converted."""
-    tree = ast.parse(ALIASES.get(annotation, annotation)).body[0].value
+    tree = ast.parse("ArrayLike | None" if annotation in ("Rows", "Indices") else annotation).body[0].value
     converted = isinstance(tree, ast.Subscript) and ast.unparse(tree.value) == "Converted"
     return ast.unparse(tree.slice.elts[0] if converted else tree)
 
 
 def test_the_keywords_of_a_mesh_are_its_fields():
     names = [(field.name, accepted(field.type)) for field in fields(model.Mesh)]
-    (keywords,) = [
-        node
-        for node in ast.walk(ast.parse(Path(model.__file__).read_text()))
-        if isinstance(node, ast.ClassDef) and node.name == "MeshFields"
-    ]
+    nodes = ast.walk(ast.parse(Path(model.__file__).read_text()))
+    (keywords,) = (node for node in nodes if isinstance(node, ast.ClassDef) and node.name == "MeshFields")
     assert names[2:] == [(line.target.id, ast.unparse(line.annotation)) for line in keywords.body[1:]]
     assert [name for name, _ in names[:2]] == ["verts", "faces"]

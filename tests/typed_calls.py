@@ -19,14 +19,11 @@ mesh = clshade.Mesh(vertices=mesh.vertices, faces=mesh.faces, name="the same", u
 mesh = replace(clshade.Mesh(mesh.verts, mesh.faces, np.ones((3, 3))), instances=None, scalars={"heat": [1, 2, 3]})
 scene = clshade.Scene([mesh], camera, [light], ambient=0.2, background=None)
 scene = replace(scene, ambient=(0.1, 0.1, 0.1), lights=light)
-sun, lamp = (
-    clshade.DirectionalLight((0, -1, 0)),
-    clshade.SpotLight((0, 2, 0), (0, -1, 0), 3.0, attenuation="inverse-square"),
-)
+sun = clshade.DirectionalLight((0, -1, 0))
+lamp = clshade.SpotLight((0, 2, 0), (0, -1, 0), 3.0, attenuation="inverse-square")
 panel = clshade.RectangleLight([0, 2, 0], right=(1, 0, 0), up=np.array([0, 0, 1]), intensity=3)
-scene = replace(
-    scene, lights=[sun, lamp, light, panel], environment=clshade.Environment(np.ones((1, 2, 3)), up=[0, 0, 1])
-)
+around = clshade.Environment(np.ones((1, 2, 3)), up=[0, 0, 1])
+scene = replace(scene, lights=[sun, lamp, light, panel], environment=around)
 frame = clshade.render(scene, shader="phong", layers=["Z", "id"], samples=4, resolution=(64, 48), preset="standard")
 frame = clshade.render(scene, settings=clshade.Settings.from_preset("course", layers="all"), device="pocl")
 with clshade.Renderer(scene, resolve="weighted", samples=8) as renderer:

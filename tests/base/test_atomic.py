@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from unittest import mock
 
 import pytest
 
@@ -66,8 +67,7 @@ def test_a_link_is_followed(tmp_path):
 
 def test_a_name_as_long_as_the_file_system_takes(tmp_path):
     atomic_files.write_bytes(tmp_path / ("n" * 255), b"x")
-    text = refusal(atomic_files.write_bytes, tmp_path / ("n" * 256), b"x")
-    assert os.strerror(errno.ENAMETOOLONG) in text
+    assert os.strerror(errno.ENAMETOOLONG) in refusal(atomic_files.write_bytes, tmp_path / ("n" * 256), b"x")
     assert os.listdir(tmp_path) == ["n" * 255]
 
 
@@ -115,20 +115,16 @@ def test_a_file_removed_between_two_looks_at_it(tmp_path, monkeypatch, replaced)
 
     monkeypatch.setattr(os, "access", removing)
     atomic_files.write_bytes(path, b"new")
-    assert path.read_bytes() == b"new"
-    assert os.listdir(tmp_path) == ["a.bin"]
+    assert (path.read_bytes(), os.listdir(tmp_path)) == (b"new", ["a.bin"])
     assert len(looks) == (2 if replaced else 1)
 
 
 @pytest.mark.parametrize("operation", ["open", "fsync", "replace", "fchmod"])
-def test_a_failing_step(kept, monkeypatch, operation):
-    def fail(*arguments, **options):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, operation, fail)
-    text = refusal(atomic_files.write_bytes, kept, b"new")
-    monkeypatch.undo()
-    assert text == f"{kept}: cannot be written: {os.strerror(errno.ENOSPC)}"
+def test_a_failing_step(kept, operation):
+    reason = os.strerror(errno.ENOSPC)
+    with mock.patch.object(os, operation, side_effect=OSError(errno.ENOSPC, reason)):
+        text = refusal(atomic_files.write_bytes, kept, b"new")
+    assert text == f"{kept}: cannot be written: {reason}"
 
 
 def test_a_rename_that_fails_undoes_those_before_it(kept, monkeypatch):
@@ -149,12 +145,9 @@ def test_a_rename_that_fails_undoes_those_before_it(kept, monkeypatch):
     assert refusal(write) == f"{kept.parent / 'last.bin'}: cannot be written: {os.strerror(errno.EIO)}"
 
 
-def test_a_file_system_that_cannot_sync(tmp_path, monkeypatch):
-    def fail(descriptor):
-        raise OSError(errno.EINVAL, "Invalid argument")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    atomic_files.write_bytes(tmp_path / "a.bin", b"x")
+def test_a_file_system_that_cannot_sync(tmp_path):
+    with mock.patch.object(os, "fsync", side_effect=OSError(errno.EINVAL, "Invalid argument")):
+        atomic_files.write_bytes(tmp_path / "a.bin", b"x")
     assert (tmp_path / "a.bin").read_bytes() == b"x"
 
 

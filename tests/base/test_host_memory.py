@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 
 import pytest
-from processes import ROOT
+from processes import python
 from scene_files import write
 
 from clshade.base import host_memory
@@ -35,14 +33,14 @@ def test_a_machine_with_2000_free_and_control_groups(tmp_path, member, groups, m
     write(tmp_path / "proc/self/statm", "1000 500 100 1 0 300 0\n")
     if member is not None:
         write(tmp_path / "proc/self/cgroup", f"{member}\n")
+    limit_name, use_name, stat = "memory.max", "memory.current", "anon 5\ninactive_file"
+    if member == FIRST:
+        limit_name, use_name = "memory.limit_in_bytes", "memory.usage_in_bytes"
+        stat = "inactive_file 5\ntotal_inactive_file"
     for name, (limit, used, inactive) in groups.items():
-        folder, first = tmp_path / "sys/fs/cgroup" / name, member == FIRST
-        write(
-            folder / ("memory.limit_in_bytes" if first else "memory.max"),
-            f"{limit if isinstance(limit, str) else limit * MIB}\n",
-        )
-        write(folder / ("memory.usage_in_bytes" if first else "memory.current"), f"{used * MIB}\n")
-        stat = "inactive_file 5\ntotal_inactive_file" if first else "anon 5\ninactive_file"
+        folder = tmp_path / "sys/fs/cgroup" / name
+        write(folder / limit_name, f"{limit if limit == 'max' else limit * MIB}\n")
+        write(folder / use_name, f"{used * MIB}\n")
         write(folder / "memory.stat", f"{stat} {inactive * MIB}\nactive_file 7\n")
     assert host_memory.available(tmp_path) == mebibytes * MIB
 
@@ -50,8 +48,7 @@ def test_a_machine_with_2000_free_and_control_groups(tmp_path, member, groups, m
 @pytest.mark.parametrize(("pages", "expected"), [(1000, 4096000.0), (-1, math.inf)])
 def test_where_there_is_no_such_file(tmp_path, monkeypatch, pages, expected):
     """All of the machine's memory, or unknown."""
-    values = {"SC_PHYS_PAGES": pages, "SC_PAGE_SIZE": 4096}
-    monkeypatch.setattr(host_memory.os, "sysconf", values.__getitem__)
+    monkeypatch.setattr(host_memory.os, "sysconf", {"SC_PHYS_PAGES": pages, "SC_PAGE_SIZE": 4096}.__getitem__)
     assert host_memory.available(tmp_path) == expected
 
 
@@ -63,6 +60,6 @@ from clshade.base import host_memory
 resource.setrlimit(resource.RLIMIT_AS, ({1 << 30}, resource.getrlimit(resource.RLIMIT_AS)[1]))
 print(host_memory.available())
 """
-    done = subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    done = python(code, "")
     assert done.returncode == 0, done.stderr
     assert 0 < float(done.stdout) < 1 << 30

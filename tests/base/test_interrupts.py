@@ -64,31 +64,23 @@ GOING_ON = """import time
 HOOKS = {
     "building": BUILDING,
     "writing": WRITING,
-    "exit functions, for which it does not wait": "import atexit; atexit.register(__import__('time').sleep, 60); "
-    + WRITING,
+    "exit functions, not waited for": f"import atexit; atexit.register(__import__('time').sleep, 60); {WRITING}",
     "cleanup that fails": AT_END.format("1 / 0"),
     "cleanup that hangs and is cut short": AT_END.format("__import__('time').sleep(60)"),
-    "while OpenEXR reads, without standard error": "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); "
-    + BUILDING,
+    "no standard error, as OpenEXR reads": f"import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); {BUILDING}",
     "going on": GOING_ON,
 }
 
 
 def popen(code: str, *arguments: str, cwd: Path, **variables: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *arguments],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=cwd, env=environment, **streams)
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
     """Start a run in `folder` with this cache, and wait until it reports its start."""
     process = popen(START.format(hook=hook), *COMMAND, cwd=folder, XDG_CACHE_HOME=str(cache))
-    assert process.stdout is not None
     assert process.stdout.readline() == "started\n"
     return process
 
@@ -122,8 +114,7 @@ def cache(opened, tmp_path_factory):
 
 
 def assert_ends_soon(process: subprocess.Popen[str], cache: Path | None = None) -> None:
-    """Assert that an interrupt ends a blocked run, with one line, long before it would unblock (30 s). cache: where the
-    process has a folder until then."""
+    """Assert that an interrupt soon ends a run blocked for 30 s, with one line. cache: where it has a folder until then."""
     assert process.stdout.readline() == "stuck\n"
     assert cache is None or list(cache.glob("clshade/pocl-*"))
     sent = time.perf_counter()
@@ -193,8 +184,7 @@ def undisturbed(opened, tmp_path_factory):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.8, 0.95])
 def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
-    """With an empty cache. share: fraction of a run's time. Each file is either the earlier or the new one, complete;
-    after an interrupt all are earlier ones or all new."""
+    """share: fraction of a run's time. Each file is the earlier or the new one, complete; after an interrupt all alike."""
     seconds, expected = undisturbed
     process = start(folder, tmp_path / "cache")
     time.sleep(share * seconds)

@@ -28,22 +28,10 @@ def screen(monkeypatch) -> Screen:
     return sys.stderr
 
 
-class Clocks:
-    """All clocks, in seconds: the time, and that of work."""
-
-    def __init__(self) -> None:
-        self.now = self.work = 0.0
-
-    def compile(self, seconds: float) -> None:
-        self.now += seconds
-
-    def draw(self, seconds: float) -> None:
-        self.now, self.work = self.now + seconds, self.work + seconds
-
-
 @pytest.fixture
-def clocks(monkeypatch) -> Clocks:
-    clocks = Clocks()
+def clocks(monkeypatch) -> SimpleNamespace:
+    """Return all clocks, in seconds: the time, and that of work."""
+    clocks = SimpleNamespace(now=0.0, work=0.0)
     monkeypatch.setattr(progress_bar, "time", SimpleNamespace(time=lambda: clocks.now))
     monkeypatch.setattr("tqdm.std.time", lambda: clocks.now)
     return clocks
@@ -52,11 +40,9 @@ def clocks(monkeypatch) -> Clocks:
 def test_the_first_item_and_compiling_do_not_count_in_the_estimate(clocks, monkeypatch):
     shown = screen(monkeypatch)
     with Bar(10, "figures", clock=lambda: clocks.work) as bar:
-        clocks.draw(50.0)
-        bar.advance()
-        for seconds in (0.0, 30.0, 0.0, 20.0):
-            clocks.compile(seconds)
-            clocks.draw(1.0)
+        for compiling, drawing in ((0.0, 50.0), (0.0, 1.0), (30.0, 1.0), (0.0, 1.0), (20.0, 1.0)):
+            clocks.now += compiling + drawing
+            clocks.work += drawing
             bar.advance()
     times = " ".join(state.partition("[")[2] for state in shown.states)
     assert times == "00:00<?] 00:50<?] 00:51<00:08] 01:22<00:07] 01:23<00:06] 01:44<00:05]"

@@ -11,6 +11,7 @@ import clshade
 from clshade.base.spelling import hint, nearest
 from clshade.cli.main import COMMANDS, _parser
 from clshade.errors import InputError
+from clshade.farm import draw_frames
 from clshade.images import exr
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.frame import Frame
@@ -78,12 +79,7 @@ def test_arguments_that_are_taken(capsys):
 
 
 def frame_with(*layers: str) -> Frame:
-    planes = {name: np.zeros((2, 3)) for name in layers}
-    return Frame(np.zeros((2, 3, 4), np.float32), planes, SCENE, Settings(), dict)
-
-
-def draw_frames(cameras, **options):
-    return clshade.farm.draw_frames(SCENE, cameras, "a.#", **options)
+    return Frame(np.zeros((2, 3, 4), np.float32), {name: np.zeros((2, 3)) for name in layers}, SCENE, Settings(), dict)
 
 
 @pytest.mark.parametrize(
@@ -100,8 +96,8 @@ def draw_frames(cameras, **options):
         (lambda: frame_with().save("a", tonemapp="aces"), "Frame.save: tonemapp: "),
         (lambda: exr.write(5, np.zeros((2, 2, 3))), "exr.write: path: expected a path (text), found 5"),
         (lambda: clshade.load(b"a.obj"), "load: path: expected a path (text), found b'a.obj'"),
-        (lambda: draw_frames([SCENE.camera]), "draw_frames: cameras: expected "),
-        (lambda: draw_frames({1: SCENE.camera}, saving={"halve": True}), "draw_frames: saving: halve: "),
+        (lambda: draw_frames(SCENE, [SCENE.camera], "a.#"), "draw_frames: cameras: expected "),
+        (lambda: draw_frames(SCENE, {1: SCENE.camera}, "a.#", saving={"halve": 1}), "draw_frames: saving: halve: "),
     ],
 )
 def test_keywords_and_values(call, message):

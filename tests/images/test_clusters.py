@@ -13,9 +13,9 @@ from clshade.images.compare import Cluster, find_clusters, leading_clusters
 from clshade.images.image_file import Picture
 
 
-def planted(shape=(120, 160)):
+def planted():
     """Return errors with three regions, of 200, 30 and 1 pixels, above noise of at most 1e-4."""
-    errors = np.random.default_rng(3).uniform(0.0, 1e-4, shape)
+    errors = np.random.default_rng(3).uniform(0.0, 1e-4, (120, 160))
     errors[20:30, 40:60] = 0.1
     errors[22, 50] = 0.2
     errors[80:110, 150] = 0.05
@@ -48,9 +48,6 @@ def test_infinite_errors_count_and_are_the_worst():
     assert clusters[2] in leading_clusters(clusters, 2)
 
 
-# Comparisons
-
-
 @pytest.fixture
 def files(folder):
     """Write a.exr, and b.exr, with a square of 6 x 5 pixels that differs in depth and a NaN in its color."""
@@ -65,10 +62,9 @@ def test_the_command_says_where(files, capsys):
     code, out, _ = run(capsys, "compare", "b.exr", "a.exr", "--json")
     layers = json.loads(out, parse_constant=pytest.fail)["layers"]
     assert code == 0
-    (cluster,) = layers["Z"]["clusters"]
+    (cluster,), (unknown, *_) = (layers[name]["clusters"] for name in ("Z", "RGB"))
     assert [cluster[name] for name in ("x", "y", "width", "height", "pixels")] == [50, 30, 6, 5, 30]
-    assert layers["RGB"]["clusters"][0]["worst"] == [4, 3]
-    assert layers["RGB"]["clusters"][0]["maximum"] == "inf"
+    assert (unknown["worst"], unknown["maximum"]) == ([4, 3], "inf")
     code, out, _ = run(capsys, "compare", "b.exr", "a.exr")
     assert code == 0
     assert "Z differs most in 6 x 5 at 50,30 (30 pixels, up to 1)" in " ".join(out.split())
@@ -87,8 +83,7 @@ def test_the_figure_shows_them_magnified(files):
     assert (np.asarray(panels[5].images[0].get_array()) == compare_figure.UNEQUAL_COLOR).all(axis=-1).sum() == 1
     differs = np.argwhere((shown != shown[0, 0]).any(axis=-1))
     x, y, _, _ = compare_figure.windows(layers, clusters)["Z"][0][1]
-    assert (differs.min(axis=0) + (y, x)).tolist() == [30, 50]
-    assert (differs.max(axis=0) + (y, x)).tolist() == [34, 55]
+    assert [(corner + (y, x)).tolist() for corner in (differs.min(axis=0), differs.max(axis=0))] == [[30, 50], [34, 55]]
 
 
 def test_windows_lie_in_the_image_and_hold_the_worst_pixel():

@@ -14,7 +14,8 @@ from clshade.errors import InputError
 from clshade.images import png
 from clshade.images.coco import masks
 
-pytest.importorskip("pycocotools")
+coco = pytest.importorskip("pycocotools.coco")
+mask = pytest.importorskip("pycocotools.mask")
 INSTANCES = np.array([[0, 7, 7, 0], [2, 7, 0, 0], [2, 0, 0, 7]], np.uint32)
 OBJECTS = np.where(INSTANCES == 7, 3, np.where(INSTANCES == 2, 1, 0)).astype(np.uint32)
 PLANES = {"instance_id": INSTANCES, "object_id": OBJECTS}
@@ -29,8 +30,6 @@ def written(folder, name="a.exr", **metadata):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (17, 13)])
 def test_masks_of_any_shape(shape):
     """Runs that wrap from one column to the next, touch the first and the last pixel, or fill the image."""
-    from pycocotools import mask
-
     assert masks(np.zeros(shape, np.uint32)) == {}
     rng = np.random.default_rng(shape)
     for instances in (np.full(shape, 2**32 - 1, np.uint32), rng.integers(0, 4, shape), rng.integers(0, 2, shape) * 9):
@@ -52,49 +51,42 @@ def test_what_has_no_masks(instances):
 
 def test_names_of_files_that_are_not_utf8(tmp_path, capsys):
     names = ["é.exr", os.fsdecode(b"\xff.exr")]
-    files = [written(tmp_path, name) for name in names]
-    assert run(capsys, "coco", *files, "-o", tmp_path / "a.json")[0] == 0
+    assert run(capsys, "coco", *[written(tmp_path, name) for name in names], "-o", tmp_path / "a.json")[0] == 0
     assert "é.exr" in (tmp_path / "a.json").read_text("utf-8")
     assert [image["file_name"] for image in json.loads((tmp_path / "a.json").read_bytes())["images"]] == names
 
 
 def test_pycocotools_reads_the_data_set(tmp_path, capsys):
-    from pycocotools.coco import COCO
-
     (tmp_path / "in").mkdir()
     first, second = written(tmp_path / "in"), written(tmp_path, "b.exr", instanceNames="{}")
     png.write(first.with_suffix(".png"), np.zeros((3, 4, 3), np.uint8))
     png.write(second.with_suffix(".png"), np.zeros((3, 9, 3), np.uint8))  # of another size, such as one with a colorbar
-    assert run(capsys, "coco", first, "-o", tmp_path / "one.json")[1].endswith(
-        ": 1 image, 2 annotations, 2 categories\n"
-    )
+    out = run(capsys, "coco", first, "-o", tmp_path / "one.json")[1]
+    assert out.endswith(": 1 image, 2 annotations, 2 categories\n")
     code, out, err = run(capsys, "coco", first, second, "-o", tmp_path / "found.json")
     assert (code, err) == (0, [])
     assert "2 images, 4 annotations, 2 categories" in out
-    data_set = COCO(str(tmp_path / "found.json"))
-    assert [image["file_name"] for image in data_set.loadImgs([1, 2])] == ["in/a.png", "b.exr"]
-    assert [(image["height"], image["width"]) for image in data_set.loadImgs([1, 2])] == [(3, 4)] * 2
+    data_set = coco.COCO(str(tmp_path / "found.json"))
+    images = [(image["file_name"], image["height"], image["width"]) for image in data_set.loadImgs([1, 2])]
+    assert images == [("in/a.png", 3, 4), ("b.exr", 3, 4)]
     categories = {category["name"]: category["id"] for category in data_set.loadCats(data_set.getCatIds())}
     assert set(categories) == {"cat", "object 3"}
-    tail, unnamed = data_set.loadAnns(data_set.getAnnIds(catIds=[categories["object 3"]]))
-    for annotation, values in ((tail, (1, 7, "tail")), (unnamed, (2, 7, ""))):
-        assert tuple(annotation[name] for name in ("image_id", "instance_id", "name")) == values
-    assert np.array_equal(data_set.annToMask(tail).astype(bool), INSTANCES == 7)
+    annotations = data_set.loadAnns(data_set.getAnnIds(catIds=[categories["object 3"]]))
+    values = [tuple(annotation[name] for name in ("image_id", "instance_id", "name")) for annotation in annotations]
+    assert values == [(1, 7, "tail"), (2, 7, "")]
+    assert np.array_equal(data_set.annToMask(annotations[0]).astype(bool), INSTANCES == 7)
 
 
 NAMES = "a.exr: objectNames: expected a JSON object of names by number, found"
 JSON = NAMES.replace("expected", "JSON: expected")
-FLOATS = {**PLANES, "object_id": np.float32(OBJECTS)}
 
 
 @pytest.mark.parametrize(
     ("planes", "names", "output", "message"),
     [
         ({"instance_id": INSTANCES}, "{}", "b.json", "a.exr: layers: expected the layers instance_id and object_id"),
-        (FLOATS, "{}", "b.json", "a.exr: layers: expected whole numbers"),
-        (PLANES, "[]", "b.json", f"{NAMES} something else"),
-        (PLANES, 3, "b.json", f"{NAMES} something else"),
-        (PLANES, '{"one": "cat"}', "b.json", f"{NAMES} something else"),
+        ({**PLANES, "object_id": np.float32(OBJECTS)}, "{}", "b.json", "a.exr: layers: expected whole numbers"),
+        *((PLANES, names, "b.json", f"{NAMES} something else") for names in ("[]", 3, '{"one": "cat"}')),
         (PLANES, "{", "b.json", JSON + " Expecting property name"),
         (PLANES, "[" * 100_000, "b.json", JSON + " too deep a nesting"),
         (PLANES, '{"1": null}', "b.json", "a.exr: objectNames: expected names that are texts, found others"),

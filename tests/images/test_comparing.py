@@ -6,6 +6,7 @@ import importlib.util
 import json
 import math
 import os
+from copy import deepcopy
 
 import command_line
 import numpy as np
@@ -41,7 +42,7 @@ def test_what_is_equal_is_equal():
     reference = layers()
     reference["R"][0, 0] = reference["Z"][0, 0] = np.nan
     reference["Z"][0, 1] = -np.inf
-    for name, layer in compared(reference, {n: plane.copy() for n, plane in reference.items()}, threshold=0.0).items():
+    for name, layer in compared(reference, deepcopy(reference), threshold=0.0).items():
         assert (layer.different, layer.over, layer.nonfinite, layer.worst) == (0, 0, 0, None), name
         if not layer.exact:
             assert (layer.maximum, layer.mean, layer.rmse, layer.relmse) == (0, 0, 0, 0), name
@@ -50,17 +51,16 @@ def test_what_is_equal_is_equal():
 
 def test_one_channel_of_one_pixel():
     reference = layers()
-    changed = {name: plane.copy() for name, plane in reference.items()}
-    changed["G"][3, 4] = reference["G"][3, 4] + 0.25
+    changed = deepcopy(reference)
+    changed["G"][3, 4] += 0.25
     layer = compared(changed, reference)["RGB"]
-    error, count = float(changed["G"][3, 4]) - float(reference["G"][3, 4]), 24 * 32 * 3
+    green, count = float(reference["G"][3, 4]), 24 * 32 * 3
+    error = float(changed["G"][3, 4]) - green
     assert (layer.different, layer.nonfinite, layer.pixels, layer.maximum) == (1, 0, 24 * 32, error)
-    assert layer.mean == pytest.approx(error / count, rel=1e-12)
-    assert layer.rmse == pytest.approx(error / math.sqrt(count), rel=1e-12)
-    squared = float(reference["G"][3, 4]) ** 2 + metrics.RELATIVE_FLOOR**2
-    assert layer.relmse == pytest.approx(error**2 / squared / count, rel=1e-12)
-    assert layer.worst[:2] == (4, 3)
-    assert layer.worst.values["G"] == changed["G"][3, 4]
+    relmse = error**2 / (green**2 + metrics.RELATIVE_FLOOR**2) / count
+    expected = pytest.approx((error / count, error / math.sqrt(count), relmse), rel=1e-12)
+    assert (layer.mean, layer.rmse, layer.relmse) == expected
+    assert (layer.worst[:2], layer.worst.values["G"]) == ((4, 3), changed["G"][3, 4])
     assert layer.worst.reference == {name: reference[name][3, 4] for name in "RGB"}
     images = [np.stack([channels[name] for name in "RGB"], axis=-1) for channels in (changed, reference)]
     assert layer.psnr == pytest.approx(metrics.image_error(*images).psnr)
@@ -74,19 +74,14 @@ IDS = np.uint32([2**32 - 1, 7, 0])
 @pytest.mark.parametrize(
     ("values", "expected", "threshold", "different", "over", "nonfinite", "maximum"),
     [
-        (DEPTHS, BLACK, None, 3, 3, 0, 2.0),
-        (DEPTHS, BLACK, 0.0, 3, 3, 0, 2.0),
-        (DEPTHS, BLACK, 0.5, 3, 2, 0, 2.0),  # strictly above
-        (DEPTHS, BLACK, 2.0, 3, 0, 0, 2.0),
+        # Over is what is strictly above the limit.
+        *((DEPTHS, BLACK, limit, 3, over, 0, 2.0) for limit, over in ((None, 3), (0.0, 3), (0.5, 2), (2.0, 0))),
         (HALF, np.float32([0.1, 0.5]), None, 1, 1, 0, abs(float(np.float16(0.1)) - float(np.float32(0.1)))),
         # NaN and infinity exceed any threshold; the metrics cover the pixels that are finite in both images.
-        (UNKNOWN, ONE, 1e30, 1, 1, 1, 0.0),
         (ONE, UNKNOWN, 1e30, 1, 1, 1, 0.0),
-        (FAR, ONE, 1e30, 1, 1, 1, 0.0),
-        (FAR, np.float32([-np.inf, 2.0]), 1e30, 1, 1, 1, 0.0),
-        (UNKNOWN, FAR, 1e30, 1, 1, 1, 0.0),
-        (UNKNOWN, UNKNOWN, 1e30, 0, 0, 0, 0.0),
-        (FAR, FAR, 1e30, 0, 0, 0, 0.0),
+        *((UNKNOWN, other, 1e30, 1, 1, 1, 0.0) for other in (ONE, FAR)),
+        *((FAR, other, 1e30, 1, 1, 1, 0.0) for other in (ONE, np.float32([-np.inf, 2.0]))),
+        *((same, same, 1e30, 0, 0, 0, 0.0) for same in (UNKNOWN, FAR)),
         (np.float32([-0.0]), np.float32([0.0]), 0.0, 0, 0, 0, 0.0),
         # Whole numbers are compared exactly, also where float32 cannot distinguish them, and against floats.
         (np.uint32([2**32 - 2, 7, 0]), IDS, 1e9, 1, 1, 0, None),
@@ -103,9 +98,8 @@ def test_what_counts_as_different(values, expected, threshold, different, over, 
 
 
 def test_large_images_are_compared_in_strips(monkeypatch):
-    """Strips of one, two, three rows: the same figures, and the worst pixel in the last strip."""
     reference = layers()
-    changed = {name: plane.copy() for name, plane in reference.items()}
+    changed = deepcopy(reference)
     changed["G"] += np.float32(0.01)
     changed["R"][23, 31] = np.nan
     changed["id"][22, 3] += 1
@@ -115,8 +109,8 @@ def test_large_images_are_compared_in_strips(monkeypatch):
         monkeypatch.setattr(compare, "_STRIP", rows * 32)
         for name, layer in compared(changed, reference, threshold=0.005).items():
             expected = vars(baseline[name])
-            for field, value in vars(layer).items():  # sums are in another order
-                if isinstance(value, float):
+            for field, value in vars(layer).items():
+                if isinstance(value, float):  # a sum in another order
                     assert value == pytest.approx(expected[field], rel=1e-12), field
                 else:
                     assert str(value) == str(expected[field]), field  # the worst pixel's NaN equals no NaN
@@ -125,21 +119,16 @@ def test_large_images_are_compared_in_strips(monkeypatch):
 
 @pytest.mark.skipif(not metrics.has_ssim(), reason="scikit-image is not installed")
 def test_structural_similarity():
-    """For images that differ by a constant, only the term of the means remains: (2ab + C1)/(a^2 + b^2 + C1), C1 =
-    0.01^2."""
+    """Where images differ by a constant, only the term of the means remains: (2ab + C1)/(a^2 + b^2 + C1), C1 = 0.01^2."""
     a, b = np.full((20, 20, 3), 0.4), np.full((20, 20, 3), 0.5)
     assert metrics.ssim_of_seen(a, b) == pytest.approx((0.4 + 1e-4) / (0.16 + 0.25 + 1e-4), rel=1e-9)
-    assert metrics.ssim_of_seen(a, a) == 1.0
-    assert metrics.ssim_of_seen(a[:10], b[:10]) is None
+    assert (metrics.ssim_of_seen(a, a), metrics.ssim_of_seen(a[:10], b[:10])) == (1.0, None)
 
 
 def test_without_the_packages(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     layer = compared(layers(), layers())["RGB"]
     assert (layer.ssim, layer.flip, image_error(flat(0.2), flat(0.4)).flip) == (None, None, None)
-
-
-# Error metrics of images with known errors, and the radiance that a PNG's codes stand for
 
 
 def flat(value: float) -> np.ndarray:
@@ -193,11 +182,13 @@ def test_radiance_has_the_code_that_it_is_read_from(operator, exposure):
     assert radiance(np.uint8(255), "none") == pytest.approx(254.5 / 255.0)  # values beyond white are lost
 
 
-# The command
-
-
 def run(capsys, *arguments):
     return command_line.run(capsys, "compare", *arguments)
+
+
+def reported(capsys, *arguments):
+    code, out, err = run(capsys, *arguments, "--json")
+    return code, json.loads(out, parse_constant=pytest.fail), err
 
 
 @pytest.fixture
@@ -215,15 +206,12 @@ def files(folder):
 
 def test_identical_files(files, capsys):
     code, out, err = run(capsys, "a.exr", "a.exr", "--threshold", "0")
-    assert (code, err) == (0, [])
-    assert out.splitlines()[-1] == "identical"
+    assert (code, err, out.splitlines()[-1]) == (0, [], "identical")
     assert out.splitlines()[2].split()[:8] == ["RGB", "0", "0", "0", "0", "0", "0", "inf"]
-    code, out, _ = run(capsys, "a.exr", "a.exr", "--json")
-    report = json.loads(out, parse_constant=pytest.fail)
+    code, report, _ = reported(capsys, "a.exr", "a.exr")
     assert (code, report["identical"], report["passed"], report["threshold"]) == (0, True, True, None)
     assert set(report["layers"]) == {"RGB", "A", "N", "Z", "id"}
-    assert report["layers"]["RGB"]["psnr"] is None
-    assert report["layers"]["RGB"]["maximum"] == 0.0
+    assert (report["layers"]["RGB"]["psnr"], report["layers"]["RGB"]["maximum"]) == (None, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +236,7 @@ def test_what_failed_is_told(files, capsys):
     code, out, _ = run(capsys, "c.exr", "a.exr", "--threshold", "0.1")
     assert (code, out.splitlines()[-1]) == (1, "FAILED: over 0.1: 1 pixels of RGB, 1 pixels of id")
     assert "RGB at 6,5 (column, row from the top): R " in out
-    report = json.loads(run(capsys, "c.exr", "a.exr", "--threshold", "0.1", "--json")[1], parse_constant=pytest.fail)
+    _, report, _ = reported(capsys, "c.exr", "a.exr", "--threshold", "0.1")
     assert (report["passed"], report["identical"]) == (False, False)
     layers = report["layers"]
     assert (layers["RGB"]["worst"]["x"], layers["id"]["worst"]["y"], layers["Z"]["worst"]) == (6, 7, None)
@@ -272,8 +260,7 @@ def test_refused(files, capsys):
         (("a.png", "a.exr"), ("a.png", "an EXR", "a PNG")),
         (("text.exr", "a.exr"), ("text.exr",)),
         (("a.exr", "none.exr"), ("none.exr", "no such file")),
-        (("a.exr", "b.exr", "--threshold", "-1"), ("--threshold", "'-1'")),
-        (("a.exr", "b.exr", "--threshold", "nan"), ("--threshold", "'nan'")),
+        *((("a.exr", "b.exr", "--threshold", text), ("--threshold", f"'{text}'")) for text in ("-1", "nan")),
         (("a.exr", "b.exr", "-o", "none/a.png"), ("none/a.png", "there is no folder")),
         (("a.exr", "b.exr", "-o", "a.exr"), ("--output", ".png", "a.exr")),
         (("a.png", "a.png", "-o", "./a.png"), ("--output", "is read: choose another file", "./a.png")),
@@ -285,8 +272,7 @@ def test_refused(files, capsys):
 @pytest.mark.usefixtures("files")
 def test_what_one_image_lacks_is_not_compared_and_fails_a_regression_test(capsys):
     """Unless the layers are named or there is no threshold."""
-    planes = exr.read("a.exr")[0]
-    exr.write("less.exr", {name: plane for name, plane in planes.items() if name not in ("Z", "N.Y")})
+    exr.write("less.exr", {name: plane for name, plane in exr.read("a.exr")[0].items() if name not in ("Z", "N.Y")})
     exr.write("more.exr", {**exr.read("b.exr")[0], "mask": np.zeros(SHAPE, np.float32)})
     for pair, place in ((("less.exr", "a.exr"), "reference"), (("a.exr", "less.exr"), "image")):
         code, out, err = run(capsys, *pair)
@@ -294,11 +280,9 @@ def test_what_one_image_lacks_is_not_compared_and_fails_a_regression_test(capsys
         assert [line.split()[0] for line in out.splitlines()[2:-1]] == ["RGB", "A", "N", "id"]
         assert out.splitlines()[-1] == "different"  # although no compared layer differs
         code, out, err = run(capsys, *pair, "--threshold", "1")
-        assert (code, len(err)) == (1, 1)
-        assert out.splitlines()[-1] == f"FAILED: N.Y, Z of the {place} alone"
+        assert (code, len(err), out.splitlines()[-1]) == (1, 1, f"FAILED: N.Y, Z of the {place} alone")
         assert run(capsys, *pair, "--threshold", "0", "--layer", "RGB", "--layer", "id")[::2] == (0, [])
-    code, out, err = run(capsys, "more.exr", "less.exr", "--threshold", "0.1", "--json")
-    report = json.loads(out, parse_constant=pytest.fail)
+    code, report, err = reported(capsys, "more.exr", "less.exr", "--threshold", "0.1")
     assert (code, len(err), report["passed"], report["identical"]) == (1, 1, False, False)
     assert (report["only_image"], report["only_reference"]) == (["N.Y", "Z", "mask"], [])
     assert (report["layers"]["RGB"]["different"], report["layers"]["N"]["maximum"]) == (1, 0.0)
@@ -313,12 +297,8 @@ def test_pngs(folder, capsys):
     code, out, err = run(capsys, "b.png", "a.png", "--json", "--threshold", "0.19")
     assert (code, err) == (1, ["clshade: warning: not compared: A of the image alone"])
     layer = json.loads(out)["layers"]["RGB"]
-    assert layer["maximum"] == pytest.approx(0.2, rel=1e-6)
-    assert layer["psnr"] == pytest.approx(-10 * math.log10(0.2**2 / 432), rel=1e-6)
+    assert (layer["maximum"], layer["psnr"]) == pytest.approx((0.2, -10 * math.log10(0.2**2 / 432)), rel=1e-6)
     assert run(capsys, "b.png", "a.png", "--layer", "RGB", "--threshold", "0.21")[0] == 0
-
-
-# The figure
 
 
 @pytest.mark.long
@@ -343,7 +323,6 @@ def test_a_color_means_the_same_in_both_images():
     wide, narrow = (np.linspace(1, maximum, 129 * 129).reshape(129, 129) for maximum in (3, 2))
     pairs = compare.chosen_layers(Picture({"Z": wide}), Picture({"Z": narrow}))
     figure = compare_figure.draw(pairs, encoded=False, titles=("a", "b"))
-    shown = [np.asarray(axes.images[0].get_array()).astype(int) for axes in figure.axes[:2]]
-    assert (shown[0][0, 0] == shown[1][0, 0]).all()
-    assert (shown[0][64, 64] == shown[1][128, 128]).all()
-    assert np.abs(shown[0][128, 128] - shown[1][128, 128]).max() > 50
+    one, other = (np.asarray(axes.images[0].get_array()).astype(int) for axes in figure.axes[:2])
+    assert (one[[0, 64], [0, 64]] == other[[0, 128], [0, 128]]).all()
+    assert np.abs(one[128, 128] - other[128, 128]).max() > 50

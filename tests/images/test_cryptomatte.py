@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+from collections import Counter
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,8 +17,8 @@ from clshade.images.cryptomatte import hashes, matte, ranked
 NAMES = {1: "bunny", 2: "floor", 3: "lamp"}
 
 
-def shown(seed, samples=6, rows=7, columns=9, limit=4):
-    return np.random.default_rng(seed).integers(0, limit, (samples, rows, columns)).astype(np.uint32)
+def shown(seed, samples=6):
+    return np.random.default_rng(seed).integers(0, 4, (samples, 7, 9)).astype(np.uint32)
 
 
 def test_hashes_are_those_of_murmur3():
@@ -34,7 +36,7 @@ def test_ranks_are_sorted_counts(ranks):
     listed, counts = ranked(numbers, ranks)
     assert listed.shape == counts.shape == (ranks, 7, 9)
     for row, column in np.ndindex(7, 9):
-        tally = {int(n): list(numbers[:, row, column]).count(n) for n in numbers[:, row, column] if n}
+        tally = Counter(number for number in numbers[:, row, column].tolist() if number)
         expected = sorted(tally.items(), key=lambda item: (-item[1], item[0]))[:ranks]
         pairs = list(zip(listed[:, row, column].tolist(), counts[:, row, column].tolist(), strict=True))
         assert pairs == expected + [(0, 0)] * (ranks - len(expected))
@@ -51,18 +53,16 @@ def test_a_thing_is_recovered_from_its_name():
     assert set(manifest) == {"bunny", "floor"}
     for name, alike in (("bunny", (1, 3)), ("floor", (2,))):
         share = np.zeros((7, 9), np.float32)
-        for pair in ("RG", "BA"):
-            for k in range(3):
-                ids = part.channels[f"CryptoObject{k:02d}.{pair[0]}"].view(np.uint32)
-                share += np.where(ids == int(manifest[name], 16), part.channels[f"CryptoObject{k:02d}.{pair[1]}"], 0)
+        for k, (ids, weights) in product(range(3), ("RG", "BA")):
+            ids, weights = (part.channels[f"CryptoObject{k:02d}.{letter}"] for letter in (ids, weights))
+            share += np.where(ids.view(np.uint32) == int(manifest[name], 16), weights, 0)
         assert np.allclose(share, np.isin(numbers, alike).mean(axis=0), atol=1e-7)
 
 
 def test_names_of_one_hash():
     one, twin = "tree 33987", "tree 49036"
     assert hashes([one])[0] == hashes([twin])[0]
-    numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
-    part = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: twin})
+    part = matte("CryptoObject", np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32), {1: one, 2: "floor", 3: twin})
     assert part.channels["CryptoObject00.G"].max() > 0
     with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{twin}'"):
         matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: twin})
@@ -80,9 +80,8 @@ def test_others_read_the_part(tmp_path):
     opened = oiio.ImageInput.open(str(tmp_path / "a.exr"))
     assert opened.seek_subimage(1, 0)
     spec = opened.spec()
-    assert spec["oiio:subimagename"] == "cryptomatte"
-    for name, text in part.metadata.items():
-        assert spec[name] == text
+    names = {"oiio:subimagename": "cryptomatte", **part.metadata}
+    assert {name: spec[name] for name in names} == names
     pixels = opened.read_image(1, 0, 0, spec.nchannels, "float")
     for k, name in enumerate(spec.channelnames):
         assert np.array_equal(pixels[..., k].view(np.uint32), part.channels[name].view(np.uint32))
@@ -102,9 +101,8 @@ def test_others_read_the_part(tmp_path):
     ],
 )
 def test_what_is_refused(change, part):
-    arguments = {"label": "CryptoObject", "numbers": shown(6), "names": NAMES, **change}
     with pytest.raises(InputError, match=part):
-        matte(**arguments)
+        matte(**{"label": "CryptoObject", "numbers": shown(6), "names": NAMES, **change})
 
 
 def test_parts_of_a_file():

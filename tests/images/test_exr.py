@@ -19,7 +19,6 @@ from clshade.pipeline.camera_space import image_positions
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes, camera_matrices, camera_metadata
 
-LOSSLESS = [name for name in exr.COMPRESSIONS if name not in exr.LOSSY]
 # Zeros, denormals, infinities, quiet and signaling NaNs with payloads, 1e6, the largest float; then random bits.
 SPECIAL = [0, 1 << 31, 1, 0x80000001, 0x7FFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F800001, 0xFFC12345, 0x7FFFFFFF]
 SPECIAL += [int(np.float32(1e6).view(np.uint32)), 0x7F7FFFFF]
@@ -42,7 +41,7 @@ def path(tmp_path):
     return tmp_path / "a.exr"
 
 
-@pytest.mark.parametrize("compression", LOSSLESS)
+@pytest.mark.parametrize("compression", [name for name in exr.COMPRESSIONS if name not in exr.LOSSY])
 @pytest.mark.parametrize("shape", [(1, 1), (67, 75), (1, 16384), (16384, 1)])
 def test_round_trip_bit_for_bit(path, compression, shape):
     names = ["R", "G", "B", "A", "Z", "N.X", "uv.V"] if max(shape) < 100 else ["R", "Z"]
@@ -66,16 +65,13 @@ COLORS, ALL = {"R", "BY"}, {"R", "BY", "A"}
     ("compression", "of_floats", "of_halves"),
     [
         ("pxr24", ALL, set()),
-        ("b44", set(), ALL),
-        ("b44a", set(), ALL),
-        ("dwaa", COLORS, COLORS),
-        ("dwab", COLORS, COLORS),
+        *((name, set(), ALL) for name in ("b44", "b44a")),
+        *((name, COLORS, COLORS) for name in ("dwaa", "dwab")),
     ],
 )
 @pytest.mark.parametrize("half", [False, True])
 def test_lossy_compressions_change_the_channels_that_they_name(path, compression, of_floats, of_halves, half):
-    """Layers keep their bits in any case, though OpenEXR's DWA takes each channel for a luminance whose name ends in
-    Y."""
+    """Layers keep their bits, though OpenEXR's DWA takes each channel for a luminance whose name ends in Y."""
     values = np.random.default_rng(4).uniform(0.1, 1.0, (40, 50)).astype(np.float32)
     layers = dict.fromkeys(("R", "BY", "A", "albedo.B", "N.X", "N.Y", "flow.Y", "a.RY", "Z"), values)
     layers["P"] = np.dstack([values, values + 5.3e6, values])
@@ -94,17 +90,6 @@ def test_lossy_compressions_change_the_channels_that_they_name(path, compression
         assert plane.dtype.kind == "u" or np.abs(plane - exact).max() < 0.2, name
 
 
-def test_arrays_that_are_not_contiguous(path):
-    image = noise((13, 11, 4)).copy()
-    image.flags.writeable = False
-    planes = {"R": image[::-1, :, 0], "G": image[:, ::-1, 1], "B": image[..., 2], "Z": noise((11, 13)).T}
-    planes["Y"] = noise((26, 22))[::2, 1::2]
-    exr.write(path, planes)
-    channels, _ = exr.read(path)
-    for name, plane in planes.items():
-        same(channels[name], plane)
-
-
 def test_layers_get_their_channel_names(path):
     image, wide = noise((3, 5, 3)), noise((3, 5, 4))
     layers = {"RGBA": wide, "N": image, "P": image, "albedo": image, "uv": image[..., :2], "Z": image[..., 0]}
@@ -119,7 +104,7 @@ def test_layers_get_their_channel_names(path):
     for colors, letters in ((image, "RGB"), (wide, "RGBA")):
         exr.write(path, colors)
         channels, _ = exr.read(path)
-        assert list(channels) == list(letters)
+        assert "".join(channels) == letters
         same(channels[letters[-1]], colors[..., -1])
 
 
@@ -175,7 +160,7 @@ def test_header_values(path):
     texts = {"software": "clshade 1.2", "settings": "shader=phong\nn=20", "scene": "théière"}
     metadata = {**camera_metadata(CAMERA), **texts, "renderTimeSeconds": 1.25, "count": np.int64(-7)}
     exr.write(path, noise((3, 4, 3)), metadata=metadata)
-    _, header = exr.read(path)
+    header = exr.read(path)[1]
     for name, matrix in zip(("worldToCamera", "worldToNDC"), camera_matrices(CAMERA), strict=True):
         same(header[name], matrix.astype(np.float32))
     expected = {**texts, "renderTimeSeconds": 1.25, "count": -7, "colorInteropID": "lin_rec709_scene"}
@@ -221,10 +206,9 @@ def test_data_window(path):
 
 
 def test_the_drawn_window_holds_all_that_is_not_0():
-    blank = np.zeros((6, 5), np.float32)
+    blank, plane = np.zeros((2, 6, 5), np.float32)
     assert exr.drawn_window({"R": blank}) == (0, 0, 0, 0)
     for value in (1e-45, np.nan, -0.0, np.inf):
-        plane = blank.copy()
         plane[4, 1] = value
         assert exr.drawn_window({"R": blank, "G": plane}) == (1, 4, 1, 4)
     ids = np.zeros((6, 5), np.uint32)
@@ -241,20 +225,16 @@ IMAGE = np.zeros((2, 2, 3))
     [
         ({"R": np.zeros((2, 2)), "G": np.zeros((2, 3))}, {}, "all of the same shape"),
         ({}, {}, "at least one"),
-        ({"R": np.zeros((0, 3))}, {}, "expected an array of shape (M, N)"),
-        ({"R": np.zeros(3)}, {}, "expected an array of shape (M, N)"),
+        *(({"R": np.zeros(shape)}, {}, "expected an array of shape (M, N)") for shape in ((0, 3), 3)),
         ({"N": np.zeros((2, 2, 4))}, {}, "expected shape (M, N, 3)"),
         (np.zeros((2, 2, 2)), {}, "expected shape (M, N, 3)"),
         ({"RGB": IMAGE, "G": np.zeros((2, 2))}, {}, "found two"),
         ({"": np.zeros((2, 2))}, {}, "names of at least one letter"),
-        ({"id": np.array([[-1]])}, {}, "whole numbers from 0 to 2^32-1"),
-        ({"id": np.array([[2**32]])}, {}, "whole numbers from 0 to 2^32-1"),
-        ({"R": np.array([["x"]])}, {}, "found type"),
-        ({"R": np.array([[1j]])}, {}, "found type"),
+        *(({"id": np.array([[wrong]])}, {}, "whole numbers from 0 to 2^32-1") for wrong in (-1, 2**32)),
+        *(({"R": np.array([[wrong]])}, {}, "found type") for wrong in ("x", 1j)),
         ({"Z": np.ones((9, 9))}, {"compression": "pxr24"}, "a lossless one for layers without R, G, B or A, found"),
         (IMAGE, {"compression": "lzma"}, "expected one of none, rle"),
-        (IMAGE, {"metadata": {"n": 2**31}}, "a whole number of 32 bits"),
-        (IMAGE, {"metadata": {"n": [1, 2]}}, "a whole number of 32 bits"),
+        *((IMAGE, {"metadata": {"n": wrong}}, "a whole number of 32 bits") for wrong in (2**31, [1, 2])),
         (IMAGE, {"metadata": {"type": "x"}}, "the name of an attribute"),
         (IMAGE, {"metadata": {"pixelAspectRatio": 0.0}}, "from 1e-6 to 1e6"),
         (IMAGE, {"window": (0, 0, 2, 1)}, "inside 2 x 2 pixels"),

@@ -10,6 +10,7 @@ from functools import partial
 from unittest import mock
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from clshade.errors import InputError, OutputError
@@ -25,9 +26,6 @@ def path(tmp_path):
     return tmp_path / "a.exr"
 
 
-# Writing
-
-
 class Failing(io.BytesIO):
     limit, error = 0, None
 
@@ -40,7 +38,6 @@ class Failing(io.BytesIO):
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_a_disk_that_is_full_after_any_number_of_bytes(error):
     """The last bytes matter most: OpenEXR seeks back and writes its table of offsets at the very end."""
-    import OpenEXR
 
     def encode(compression, names, limit, error=None):
         box = (np.zeros(2, np.int32), np.array([8, 39], np.int32))
@@ -58,15 +55,11 @@ def test_a_disk_that_is_full_after_any_number_of_bytes(error):
         assert OpenEXR.global_thread_count() == 0
 
 
-def write_png(path, values):
-    png.write(path, (values * 255).astype(np.uint8))
-
-
 @pytest.mark.parametrize(
     ("name", "write", "limit"),
     [
         ("a.exr", partial(exr.write, compression="none"), 100_000),
-        ("a.png", write_png, 50_000),
+        ("a.png", lambda path, values: png.write(path, np.uint8(values * 255)), 50_000),
     ],
 )
 def test_a_full_disk_leaves_the_earlier_file(tmp_path, name, write, limit):
@@ -85,9 +78,6 @@ def test_a_full_disk_leaves_the_earlier_file(tmp_path, name, write, limit):
     assert os.listdir(tmp_path) == [name]
     with pytest.raises(OutputError, match="there is no folder"):
         write(tmp_path / "none" / name, noise((2, 2, 3)))
-
-
-# Reading
 
 
 def bad(path, capfd) -> str:
@@ -128,8 +118,6 @@ def test_truncated_and_damaged_files(path, capfd, compression):
 @pytest.fixture
 def opened(monkeypatch) -> list[bool]:
     """Whether the header alone was read, of each file that OpenEXR opened."""
-    import OpenEXR
-
     calls, genuine = [], OpenEXR.File
 
     def noted(*arguments, **options):
@@ -146,11 +134,8 @@ def box(*edges):
 
 def test_images_of_other_kinds(path, capfd):
     """Deep ones, tiles, and one whose data window is beyond the display window."""
-    import OpenEXR
-
     samples = np.empty((2, 2), object)
-    for k in range(4):
-        samples[k // 2, k % 2] = np.zeros(k + 1, np.float32)
+    samples.flat[:] = [np.zeros(k + 1, np.float32) for k in range(4)]
     deep = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
     OpenEXR.File(deep, {"Z": samples}).write(str(path))
     assert "a flat image" in bad(path, capfd)
@@ -166,10 +151,7 @@ def test_images_of_other_kinds(path, capfd):
 
 
 def test_several_parts(path, capfd):
-    """Each in its own window; a name already taken is prefixed with the part's. Types and names are known from the
-    header."""
-    import OpenEXR
-
+    """Each in its own window; a name already taken is prefixed with the part's. The header has types and names."""
     first, second, long = noise((5, 7)).copy(), np.arange(4, dtype=np.float16).reshape(2, 2), "x" * 200
     common = {"type": OpenEXR.scanlineimage, "displayWindow": box(0, 0, 6, 4)}
     header = {**common, "dataWindow": box(3, 1, 4, 2)}
@@ -181,8 +163,7 @@ def test_several_parts(path, capfd):
     assert exr_limits.channel_bytes(path.read_bytes(), 2) == [{"R": 4, "Z": 4}, {"Z": 2, "id": 4, long: 2}]
     channels, header = exr.read(path)
     assert sorted(channels) == ["R", "Z", "id", "other.Z", long]
-    assert header["name"] == "beauty"
-    assert "channels" not in header
+    assert (header["name"], "channels" in header) == ("beauty", False)
     assert np.array_equal(channels["Z"], first)
     inside = np.zeros((5, 7))
     inside[1:3, 3:5] = second
@@ -206,7 +187,7 @@ def subsampled(data: bytes) -> bytes:
 
 
 SIXTY = tuple(f"layer{k:02d}.R" for k in range(60))
-LARGEST = (0, 0, 16383, 16383)
+LARGEST, TOO_LARGE = (0, 0, 16383, 16383), (0, 0, 65535, 65535)
 
 
 @pytest.mark.parametrize(
@@ -215,12 +196,7 @@ LARGEST = (0, 0, 16383, 16383)
         ("dwaa", "RGBAZ", lambda data: wide(data, 0, 0, 6881326, 32), "dataWindow: expected pixels that "),
         ("zip", SIXTY, lambda data: wide(data, *LARGEST), "dataWindow: expected pixels that "),
         ("zstd", ("Z", "N.X"), lambda data: wide(data, -(10**8), 5, 10**8, 5), "dataWindow: expected pixels that "),
-        (
-            "none",
-            "R",
-            lambda data: wide(data, 0, 0, 65535, 65535, name=b"displayWindow"),
-            "displayWindow: expected 1 to",
-        ),
+        ("none", "R", lambda data: wide(data, *TOO_LARGE, name=b"displayWindow"), "displayWindow: expected 1 to"),
         ("none", ("RY", "Y"), subsampled, "RY: expected a value for every pixel"),
     ],
 )
@@ -240,8 +216,6 @@ def test_changed_headers_are_refused_before_pixels_are_decoded(
 def test_the_densest_files_are_read(path, compression, names):
     """Zeros, of all types, with names for each of DWA's three schemes: the highest compression ratios of each codec, in
     files of other programs, which may compress any channel with loss."""
-    import OpenEXR
-
     method = getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION")
     for real in (np.float32, np.float16):
         planes = {name: np.zeros((512, 1024), np.uint32 if name == "id" else real) for name in names}

@@ -26,9 +26,10 @@ def drawn():
 @pytest.mark.sampled
 @pytest.mark.parametrize("kind", figures.FORMATS)
 def test_the_same_figure_gives_the_same_bytes(kind, tmp_path):
-    for name in "ab":
-        figures.save(drawn(), tmp_path / f"{name}.{kind}", colors=64)
-    first, second = ((tmp_path / f"{name}.{kind}").read_bytes() for name in "ab")
+    paths = [tmp_path / f"{name}.{kind}" for name in "ab"]
+    for path in paths:
+        figures.save(drawn(), path, colors=64)
+    first, second = (path.read_bytes() for path in paths)
     assert first == second
     assert not re.search(rb"CreationDate|ModDate|dc:date", first)
     with pytest.raises(OutputError, match="there is no folder"):
@@ -42,8 +43,7 @@ def test_pdf(tmp_path):
     assert data.startswith(b"%PDF")
     assert b"/FontFile2" in data
     assert b"/Type3" not in data
-    width = int(re.search(rb"/Subtype /Image.*?/Width (\d+)", data, re.DOTALL)[1])
-    assert 200 < width < 3.0 * figures.VECTOR_DPI
+    assert 200 < int(re.search(rb"/Subtype /Image.*?/Width (\d+)", data, re.DOTALL)[1]) < 3.0 * figures.VECTOR_DPI
     streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL)
     text = b"".join(zlib.decompress(stream) for stream in streams if stream[:1] == b"\x78")
     assert re.search(rb"\] TJ|\) Tj", text)  # text, not outlines
@@ -54,17 +54,10 @@ def test_svg(tmp_path):
     figures.save(drawn(), tmp_path / "a.svg")
     root = ElementTree.parse(tmp_path / "a.svg").getroot()
     tags = [element.tag.rpartition("}")[2] for element in root.iter()]
-    assert "path" in tags
-    assert "text" not in tags
+    assert ("path" in tags, "text" in tags) == (True, False)
     links = [element.get("{http://www.w3.org/1999/xlink}href", "") for element in root.iter()]
     assert sum(link.startswith("data:image/png;base64,") for link in links) == 1
     assert all(link.startswith(("#", "data:")) for link in links if link)
-
-
-# Thumbnails
-
-
-RNG = np.random.default_rng(3)
 
 
 def named(*names):
@@ -86,8 +79,7 @@ def test_channels_become_layers():
     ):
         assert layers(*names.split()) == {name: channels.split() for name, channels in groups.items()}
     hostile = ("N.X", "N.Y", "N.R", "N.G", "N", "n.x", "N.x", ".", "..R", "R", "r", "a.b.R", "")
-    together = layers(*hostile)
-    assert sorted(name for names in together.values() for name in names) == sorted(hostile)
+    assert sorted(name for names in layers(*hostile).values() for name in names) == sorted(hostile)
 
 
 def test_the_color_layer():
@@ -100,7 +92,7 @@ def test_the_color_layer():
 
 
 def test_directions_and_positions():
-    normals = RNG.normal(size=(8, 9, 3))
+    normals = np.random.default_rng(3).normal(size=(8, 9, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     normals[0] = 0.0  # the background
     pixels, note = thumbnails(exr.flatten({"N": normals.astype(np.float16)}))["N"]
@@ -111,8 +103,7 @@ def test_directions_and_positions():
 
 
 def test_texture_coordinates_repeat():
-    uv = np.array([[[0.0, 0.25], [1.5, -0.25], [np.nan, 0.5]]])
-    pixels, note = thumbnails(exr.flatten({"uv": uv}))["uv"]
+    pixels, note = thumbnails(exr.flatten({"uv": np.array([[[0.0, 0.25], [1.5, -0.25], [np.nan, 0.5]]])}))["uv"]
     assert note == "red u, green v, from 0 to 1, repeated"
     assert pixels.tolist() == [[[0, 64, 0], [128, 191, 0], list(NOTHING)]]
 
@@ -129,9 +120,7 @@ def test_depth_leaves_infinity_gray_and_is_not_flat_for_one_far_pixel():
 
 
 def test_names_of_things_have_colors_of_their_own():
-    ids = np.arange(1000, dtype=np.uint32).reshape(20, 50)
-    pixels = thumbnails({"id": ids})["id"].pixels.reshape(-1, 3)
+    pixels = thumbnails({"id": np.arange(1000, dtype=np.uint32).reshape(20, 50)})["id"].pixels.reshape(-1, 3)
     assert pixels[0].tolist() == [0, 0, 0]
     assert len(np.unique(pixels, axis=0)) >= 995  # of 190^3 colors; half a pair coincides by chance
-    steps = np.abs(np.diff(pixels[1:].astype(int), axis=0)).sum(axis=1)
-    assert np.median(steps) > 100  # neighbors look different
+    assert np.median(np.abs(np.diff(pixels[1:].astype(int), axis=0)).sum(axis=1)) > 100  # neighbors look different

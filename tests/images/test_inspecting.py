@@ -21,9 +21,7 @@ from clshade.images.tonemap import tonemap
 def planted():
     """Return 1..100 in random order, then NaNs, infinities and negative values."""
     values = np.random.default_rng(6).permutation(np.arange(1.0, 101.0, dtype=np.float32))
-    return np.concatenate([values, np.float32([np.nan, np.nan, np.inf, -np.inf, np.inf, -0.5, -2, -0.0])]).reshape(
-        9, 12
-    )
+    return np.append(values, np.float32([np.nan, np.nan, np.inf, -np.inf, np.inf, -0.5, -2, -0.0])).reshape(9, 12)
 
 
 def test_statistics_of_a_channel():
@@ -31,8 +29,7 @@ def test_statistics_of_a_channel():
     assert stats.shape == (9, 12)
     channel = stats.channels["Z"]
     assert (channel.nan, channel.inf, channel.negative) == (2, 3, 2)
-    assert (channel.minimum, channel.maximum) == (-2.0, 100.0)
-    assert channel.mean == (5050 - 2.5) / 103
+    assert (channel.minimum, channel.maximum, channel.mean) == (-2.0, 100.0, (5050 - 2.5) / 103)
     assert channel.percentiles == (-0.5, 3.0, 49.0, 95.0, 99.0)  # ranks 1.02, 5.1, 51, 96.9, 100.98 of 0..102
     assert stats.stops is None
 
@@ -69,9 +66,6 @@ def test_dynamic_range_weighs_the_colors(one, second, ratio):
     assert statistics.image_statistics(pixels).stops == pytest.approx(math.log2(ratio))
 
 
-# Files
-
-
 def inspected(capsys, *arguments):
     code, out, err = run(capsys, "inspect", *arguments, "--json")
     return code, json.loads(out, parse_constant=pytest.fail), err
@@ -80,14 +74,11 @@ def inspected(capsys, *arguments):
 def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
     values = np.arange(12, dtype=np.float32).reshape(3, 4)
     values[0, 1], values[0, 2], values[0, 3] = np.nan, np.inf, -np.inf
-    ids = (np.arange(12).reshape(3, 4) + 2**32 - 12).astype(np.uint32)
-    exr.write(tmp_path / "a.exr", {"Z": values, "id": ids})
-    _, report, _ = inspected(
-        capsys, tmp_path / "a.exr", *(f"--pixel={x},{y}" for x, y in [(3, 1), (0, 2), (1, 0), (2, 0)])
-    )
+    exr.write(tmp_path / "a.exr", {"Z": values, "id": (np.arange(12).reshape(3, 4) + 2**32 - 12).astype(np.uint32)})
+    places = "3,1", "0,2", "1,0", "2,0"
+    _, report, _ = inspected(capsys, tmp_path / "a.exr", *(f"--pixel={place}" for place in places))
     assert report["pixels"][0] == {"x": 3, "y": 1, "values": {"Z": 7.0, "id": 2**32 - 5}}
-    assert report["pixels"][1]["values"]["Z"] == 8.0
-    assert [pixel["values"]["Z"] for pixel in report["pixels"][2:]] == ["nan", "inf"]
+    assert [pixel["values"]["Z"] for pixel in report["pixels"][1:]] == [8.0, "nan", "inf"]
     assert (report["channels"]["Z"]["nan"], report["channels"]["Z"]["inf"]) == (1, 2)
     code, out, _ = run(capsys, "inspect", tmp_path / "a.exr", "--pixel", "3,1")
     assert code == 0
@@ -131,25 +122,12 @@ def test_no_image(tmp_path, capsys, content):
     assert os.listdir(tmp_path) == ["a.exr"]
 
 
-# The figure
-
-
-def panels_of(figure):
-    return {
-        axes.get_title().split("\n")[0]: np.asarray(axes.images[0].get_array()) for axes in figure.axes if axes.images
-    }
-
-
 def test_the_figure_is_upright_and_has_every_layer(tmp_path):
     pixels = np.zeros((40, 60, 3), np.float32)
     pixels[:20, :20, 0] = 4.0  # red, upper left: 4 * 0.2126 is 0.23 stops below 1
-    channels = {
-        **exr.flatten(pixels),
-        "Z": np.full((40, 60), np.inf, np.float32),
-        "id": np.eye(40, 60, dtype=np.uint32),
-    }
-    figure = statistics.draw(Picture(channels), "a $name_ of\nothers")
-    shown = panels_of(figure)
+    others = {"Z": np.full((40, 60), np.inf, np.float32), "id": np.eye(40, 60, dtype=np.uint32)}
+    figure = statistics.draw(Picture({**exr.flatten(pixels), **others}), "a $name_ of\nothers")
+    shown = {axes.get_title().split("\n")[0]: axes.images[0].get_array() for axes in figure.axes if axes.images}
     assert {"RGB", "Z", "id"} <= set(shown)
     for stops in range(-4, 5):
         name = {0: "as it is", 1: "+1 stop", -1: "-1 stop"}.get(stops, f"{stops:+d} stops")

@@ -10,11 +10,9 @@ from clshade.images import marks
 from clshade.images.figures import _ticks, with_colorbar
 from clshade.images.marks import AXES, COLORS, Crop, fade, magnify, mark_crops
 
-FRONT = np.diag([1.0, 1.0, -1.0])  # right, up, forward
 
-
-def near(picture, color, tolerance=12):
-    return np.nonzero(np.abs(picture.astype(int) - color).max(axis=-1) <= tolerance)
+def near(picture, color):
+    return np.nonzero(np.abs(picture.astype(int) - color).max(axis=-1) <= 12)
 
 
 @pytest.mark.parametrize(("limit", "length"), [(1.0, 1.0), (0.99, 0.5), (0.3, 0.2), (19.999, 10.0), (4.2e12, 2e12)])
@@ -25,7 +23,7 @@ def test_round_length(limit, length):
 @pytest.mark.parametrize("side", [44, 100])
 def test_the_axes_point_where_they_do(side):
     """Seen from the front, x goes to the right, y up, and z is a dot at the origin."""
-    picture = marks.triad(FRONT, side)
+    picture = marks.triad(np.diag([1.0, 1.0, -1.0]), side)  # right, up, forward
     assert picture.shape == (side, side, 3)
     (_, x_columns), (y_rows, y_columns), (z_rows, z_columns) = (near(picture, color) for color in AXES.values())
     assert x_columns.max() > y_columns.max() + 0.2 * side
@@ -35,9 +33,6 @@ def test_the_axes_point_where_they_do(side):
     assert len(near(picture, fade(AXES["z"]))[0]) < len(z_rows) / 4  # edges alone
     edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
     assert (edge == 255).all()  # nothing is cut
-
-
-# Text
 
 
 def test_text_is_shortened_to_its_width():
@@ -51,8 +46,7 @@ def test_text_is_shortened_to_its_width():
 
 
 def test_characters_that_cannot_be_drawn(recwarn):
-    hostile = "a\nb\x1b[31m\udce9\u4e2d é"
-    printable = marks.drawable(hostile)
+    printable = marks.drawable("a\nb\x1b[31m\udce9\u4e2d é")
     assert printable == "a?b?[31m?? é"
     picture = np.full((30, 200, 3), 255, np.uint8)
     marks.draw_text(picture, 2, 20, 9.0, printable)
@@ -79,9 +73,6 @@ def test_numbers_are_round_and_all_there(ends, labels):
     assert all(0.0 <= place <= 1.0 for place in places)
     image, ground = np.zeros((90, 7, 3), np.uint8), np.array([255, 255, 255], np.uint8)
     assert with_colorbar(image, "jet", ends, "a $\\frac name\n" * 20, ground).shape[0] == 90
-
-
-# Crops
 
 
 IMAGE = np.random.default_rng(5).integers(0, 256, (40, 60, 3), dtype=np.uint8)

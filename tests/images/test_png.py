@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import io
-import struct
 
 import numpy as np
 import pytest
 from PIL import Image
-from scene_files import chunk
+from scene_files import png_header
 
 from clshade.errors import InputError
 from clshade.images import depth_png, png
@@ -27,22 +26,13 @@ def path(tmp_path):
 @pytest.mark.parametrize("shape", [(1, 1), (67, 75), (16384, 1), (1, 16384)])
 def test_round_trip_of_every_layout(path, shape):
     codes, wide = noise((*shape, 3)), noise((*shape, 4))
-    views = [
-        codes,
-        codes[::-1],
-        codes[:, ::-1],
-        codes[..., ::-1],
-        codes.transpose(1, 0, 2),
-        wide[..., :3],
-        codes[::2, ::3],
-    ]
-    for view in views:
+    mirrored = codes[::-1], codes[:, ::-1], codes[..., ::-1]
+    for view in (codes, *mirrored, codes.transpose(1, 0, 2), wide[..., :3], codes[::2, ::3]):
         png.write(path, view)
         before = path.read_bytes()
         png.write(path, view)
         assert path.read_bytes() == before
-        assert png.read(path).dtype == np.uint8
-        assert np.array_equal(png.read(path), view)
+        np.testing.assert_array_equal(png.read(path), view, strict=True)
 
 
 def test_other_kinds_of_png(path):
@@ -51,8 +41,7 @@ def test_other_kinds_of_png(path):
     assert np.array_equal(png.read(path), codes)
     Image.fromarray(gray).save(path)
     assert np.array_equal(png.read(path), np.dstack([gray] * 3))
-    deep = np.array([[0, 128, 129, 65535, 257 * 7 + 128, 257 * 7 + 129]], np.uint16)
-    Image.fromarray(deep).save(path)
+    Image.fromarray(np.array([[0, 128, 129, 65535, 257 * 7 + 128, 257 * 7 + 129]], np.uint16)).save(path)
     assert png.read(path)[0, :, 1].tolist() == [0, 0, 1, 255, 7, 8]
 
 
@@ -85,20 +74,13 @@ def test_bad_files(path):
     bad(path)
     path.write_bytes(b"GIF89a" + bytes(100))
     assert "a PNG image" in bad(path)
-    header = chunk(b"IHDR", struct.pack(">II", 30000, 30000) + data[24:29])
-    path.write_bytes(data[:8] + header + data[33:])
+    path.write_bytes(png_header(30000, 30000))
     assert "at most 268435456 pixels, found 30000 x 30000" in bad(path)
 
 
-# Depths
-
-
-def depths(shape: tuple[int, int] = (13, 17)) -> np.ndarray:
-    """Return float32 depths from 0.5 to 60 with holes."""
-    rng = np.random.default_rng(1)
-    depth = rng.uniform(0.5, 60, shape).astype(np.float32)
-    depth[rng.random(shape) < 0.2] = np.inf
-    return depth
+RNG = np.random.default_rng(1)
+DEPTHS = RNG.uniform(0.5, 60, (13, 17)).astype(np.float32)
+DEPTHS[RNG.random(DEPTHS.shape) < 0.2] = np.inf
 
 
 def encoded(depth: np.ndarray, scale: float = depth_png.SCALE) -> bytes:
@@ -109,30 +91,28 @@ def encoded(depth: np.ndarray, scale: float = depth_png.SCALE) -> bytes:
 
 @pytest.mark.parametrize("scale", [1e-3, 0.0625])
 def test_depths_come_back_within_half_a_step(tmp_path, scale):
-    depth = depths()
-    (tmp_path / "a.png").write_bytes(encoded(depth, scale))
-    read_depth, read_scale = depth_png.read(tmp_path / "a.png")
+    data, path = encoded(DEPTHS, scale), tmp_path / "a.png"
+    path.write_bytes(data)
+    depth, read_scale = depth_png.read(path)
     assert read_scale == scale
-    seen = np.isfinite(depth)
-    assert np.array_equal(np.isinf(read_depth), ~seen)
-    assert np.abs(read_depth[seen] - depth[seen]).max() <= scale / 2 * (1 + 1e-12)
-    assert encoded(depth, scale) == encoded(depth.astype(np.float64), scale) == (tmp_path / "a.png").read_bytes()
-    assert resolution_of(tmp_path / "a.png") == (17, 13)
+    seen = np.isfinite(DEPTHS)
+    assert np.array_equal(np.isinf(depth), ~seen)
+    assert np.abs(depth[seen] - DEPTHS[seen]).max() <= scale / 2 * (1 + 1e-12)
+    assert encoded(DEPTHS, scale) == encoded(DEPTHS.astype(np.float64), scale) == data
+    assert resolution_of(path) == (17, 13)
 
 
 def test_other_programs_read_the_codes_and_the_scale(tmp_path):
     """Pillow, OpenImageIO and OpenCV: 16-bit gray, row 0 at the top, code 0 where there is nothing."""
-    depth = depths()
-    (tmp_path / "a.png").write_bytes(encoded(depth))
-    steps = np.where(np.isfinite(depth), depth.astype(np.float64) / 1e-3, 0)
+    (tmp_path / "a.png").write_bytes(encoded(DEPTHS))
+    steps = np.where(np.isfinite(DEPTHS), DEPTHS.astype(np.float64) / 1e-3, 0)
     with Image.open(tmp_path / "a.png") as image:
         codes = np.asarray(image)
         assert image.text["depthScale"] == "0.001"
     assert codes.dtype in (np.uint16, np.int32)  # the latter before Pillow 10.3
     assert np.abs(codes - steps).max() <= 0.5
-    assert np.array_equal(codes == 0, np.isinf(depth))
-    oiio = pytest.importorskip("OpenImageIO")
-    opened = oiio.ImageInput.open(str(tmp_path / "a.png"))
+    assert np.array_equal(codes == 0, np.isinf(DEPTHS))
+    opened = pytest.importorskip("OpenImageIO").ImageInput.open(str(tmp_path / "a.png"))
     assert (str(opened.spec().format), opened.spec().nchannels) == ("uint16", 1)
     assert opened.spec().getattribute("depthScale") == "0.001"
     assert np.array_equal(opened.read_image(format="uint16")[..., 0], codes)
@@ -159,15 +139,11 @@ def test_depths_without_a_code(depth, scale, message):
 
 
 def test_refused_files(tmp_path):
-    depth = depths()
-    Image.fromarray(depth_png.codes(depth)).save(tmp_path / "plain.png")
+    Image.fromarray(depth_png.codes(DEPTHS)).save(tmp_path / "plain.png")
     png.write(tmp_path / "colors.png", np.zeros((2, 3, 3), np.uint8))
-    (tmp_path / "bad.png").write_bytes(encoded(depth, 0.5).replace(b"depthScale\x000.5", b"depthScale\x000,5"))
-    for name, kind in (("plain", "none"), ("colors", "channels: 3 of 8 bits")):
-        with pytest.raises(
-            InputError, match=rf"{name}\.png: file: expected a 16-bit gray PNG with a text depthScale.* {kind}"
-        ):
-            depth_png.read(tmp_path / f"{name}.png")
-    for name in ("bad", "none"):
-        with pytest.raises(InputError, match=rf"{name}\.png: "):
+    (tmp_path / "bad.png").write_bytes(encoded(DEPTHS, 0.5).replace(b"depthScale\x000.5", b"depthScale\x000,5"))
+    expected = "file: expected a 16-bit gray PNG with a text depthScale.*"
+    reasons = {"plain": f"{expected} none", "colors": f"{expected} channels: 3 of 8 bits", "bad": "", "none": ""}
+    for name, reason in reasons.items():
+        with pytest.raises(InputError, match=rf"{name}\.png: {reason}"):
             depth_png.read(tmp_path / f"{name}.png")

@@ -29,32 +29,23 @@ def steps(operator, exposure):
 def assert_equals_oracle(pixels, operator, exposure):
     with np.errstate(invalid="ignore"):  # signaling NaNs
         expected = oracle(pixels, operator, exposure)
-    codes = tonemap(pixels, operator, exposure)
-    assert codes.dtype == np.uint8
-    assert codes.shape == pixels.shape
-    wrong = np.flatnonzero(codes != expected)
-    assert not wrong.size, f"{wrong.size} wrong, first {pixels.flat[wrong[0]]!r}"
+    np.testing.assert_array_equal(tonemap(pixels, operator, exposure), expected, strict=True)
 
 
 @pytest.mark.parametrize("operator", SEPARATE)
 @pytest.mark.parametrize("exposure", EXPOSURES)
 def test_every_threshold(operator, exposure):
-    """Both sides of all 255 steps, exactly; the oracle itself must step there."""
+    """Both sides of all 255 steps, exactly in float32; the oracle itself must step there. In float64, within 1e-13 of a
+    step the formula's own rounding decides: its slope is below 255 * 4 there, each of some ten operations rounds by
+    1e-16, so it crosses 1/2 within a relative distance of 1e-15 / (slope * value) of the step."""
     values = steps(operator, exposure)
     assert oracle(values[:, 2], operator, exposure).tolist() == list(range(1, 256))
     assert oracle(values[:, 1], operator, exposure).tolist() == list(range(255))
     assert_equals_oracle(image(values), operator, exposure)
-
-
-@pytest.mark.parametrize("operator", SEPARATE)
-@pytest.mark.parametrize("exposure", EXPOSURES)
-def test_every_threshold_of_float64(operator, exposure):
-    """Within 1e-13 of a step the formula's own rounding decides: its slope is below 255 * 4 there, each of some ten
-    operations rounds by 1e-16, so it crosses 1/2 within a relative distance of 1e-15 / (slope * value) of the step."""
-    values = tm._thresholds64(operator, exposure)
-    assert ((steps(operator, exposure)[:, 1] < values) & (values <= steps(operator, exposure)[:, 2])).all()
+    values64 = tm._thresholds64(operator, exposure)
+    assert ((values[:, 1] < values64) & (values64 <= values[:, 2])).all()
     for factor in (1 - 1e-12, 1 + 1e-12, 1 - 1e-9, 1 + 1e-9):
-        assert_equals_oracle(image(values * factor, np.float64), operator, exposure)
+        assert_equals_oracle(image(values64 * factor, np.float64), operator, exposure)
 
 
 @pytest.mark.parametrize("operator", SEPARATE)
@@ -76,12 +67,9 @@ def test_extremes(operator, dtype):
     nans = np.array([0x7FC00000, 0x7F800001, 0x7F807FFF, 0x7F808000, 0x7FFFFFFF, 0xFF800001, 0xFFFFFFFF], np.uint32)
     with np.errstate(over="ignore", invalid="ignore"):
         unknown = nans.view(np.float32) if dtype is np.float32 else np.full(7, np.nan, dtype)
-        blank = np.array([0.0, -0.0, -TINY, -1.0, -HUGE, -np.inf, TINY]).astype(dtype)
+        blank = np.append(unknown, np.array([0.0, -0.0, -TINY, -1.0, -HUGE, -np.inf, TINY]).astype(dtype))
         full = np.array([np.inf, HUGE, 3e4 if dtype is np.float16 else 1e38]).astype(dtype)
-    for exposure in (0.0, 5.0, -5.0, 100.0, -100.0):
-        if abs(exposure) > 5 and dtype is np.float16:
-            continue
-        assert not tonemap(image(unknown, dtype), operator, exposure).any()
+    for exposure in (0.0, 5.0, -5.0) if dtype is np.float16 else (0.0, 5.0, -5.0, 100.0, -100.0):
         assert not tonemap(image(blank, dtype), operator, exposure).any()
         assert (tonemap(image(full, dtype), operator, exposure) == 255).all()
     if dtype is not np.float16:
@@ -106,14 +94,6 @@ def test_values_by_hand(operator, codes):
         assert convert(image(list(codes)), operator)[0, :, 0].tolist() == list(codes.values())
 
 
-def test_exposure_comes_before_the_operator():
-    values = np.linspace(0, 3, 3000).astype(np.float32)
-    for operator in OPERATORS:
-        assert np.array_equal(tonemap(image(values), operator, 2.0), tonemap(image(values * 4), operator, 0.0))
-        assert np.array_equal(tonemap(image(values), operator, -1.0), tonemap(image(values / 2), operator, 0.0))
-    assert (tonemap(image([0.25]), "srgb", 1) == 188).all()
-
-
 @pytest.mark.parametrize("shape", [(1, 1, 3), (331, 99, 3), (0, 4, 3), (104, 105, 3)])
 def test_sizes_and_layouts(shape):
     pixels = np.random.default_rng(1).exponential(0.5, shape).astype(np.float32)
@@ -125,25 +105,6 @@ def test_sizes_and_layouts(shape):
     assert_equals_oracle(pixels.astype(np.float64)[::-1], "aces", 0.0)
 
 
-def test_the_comparison_notices_one_threshold_off_by_one_float(monkeypatch):
-    """Move one of the 255 thresholds to the next float: the test above must fail."""
-    right = tm._thresholds
-
-    def planted(*arguments):
-        moved = right(*arguments)
-        moved[99] += 1
-        return moved
-
-    values = steps("srgb", 0.0)
-    monkeypatch.setattr(tm, "_thresholds", planted)
-    tm._table.cache_clear()
-    try:
-        with pytest.raises(AssertionError, match="3 wrong, first"):
-            assert_equals_oracle(image(values), "srgb", 0.0)
-    finally:
-        tm._table.cache_clear()
-
-
 COLORS = np.exp(np.random.default_rng(3).uniform(-9, 5, (40, 30, 3)))
 
 
@@ -151,9 +112,8 @@ COLORS = np.exp(np.random.default_rng(3).uniform(-9, 5, (40, 30, 3)))
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 def test_colors_of_joint_operators(operator, dtype):
     """Also the ends: the least number, the largest, both infinities, NaN and zero, in one channel and in all."""
-    special = np.array(
-        [0.0, -0.0, -1.0, -np.inf, np.nan, np.inf, np.finfo(dtype).max, np.finfo(dtype).tiny, 0.4], dtype
-    )
+    largest, least = np.finfo(dtype).max, np.finfo(dtype).tiny
+    special = np.array([0.0, -0.0, -1.0, -np.inf, np.nan, np.inf, largest, least, 0.4], dtype)
     ends = np.stack(np.meshgrid(special, special, special), axis=-1).reshape(27, 27, 3)
     for exposure in (0.0, -3.7, 21.3, 300.0, -300.0):
         assert_equals_oracle(COLORS.astype(dtype)[::-1], operator, exposure)
@@ -213,13 +173,10 @@ def test_display_values_are_what_is_rounded_to_codes(operator):
 @pytest.mark.parametrize(
     ("arguments", "name"),
     [
-        ((np.zeros((2, 2)),), "rgb"),
-        ((np.zeros((2, 2, 4)),), "rgb"),
+        *(((np.zeros(shape),), "rgb") for shape in ((2, 2), (2, 2, 4))),
         ((np.zeros((2, 2, 3), np.uint8),), "rgb"),
         ((np.zeros((2, 2, 3)), "filmic"), "operator"),
-        ((np.zeros((2, 2, 3)), "srgb", np.nan), "exposure"),
-        ((np.zeros((2, 2, 3)), "srgb", 301), "exposure"),
-        ((np.zeros((2, 2, 3)), "srgb", "bright"), "exposure"),
+        *(((np.zeros((2, 2, 3)), "srgb", exposure), "exposure") for exposure in (np.nan, 301, "bright")),
     ],
 )
 def test_refused_arguments(arguments, name):

@@ -18,14 +18,13 @@ def _operate(x: Floats, operator: str) -> Floats:
             shoulder, linear, angle, toe, toe_top, toe_bottom = 0.15, 0.50, 0.10, 0.20, 0.02, 0.30
             top = t * (shoulder * t + angle * linear) + toe * toe_top
             bottom = t * (shoulder * t + linear) + toe * toe_bottom
-            return np.asarray(top / bottom - toe_top / toe_bottom)
+            return top / bottom - toe_top / toe_bottom
 
         return curve(2.0 * x) / curve(11.2)
     if operator == "aces":
         return (2.51 * x**2 + 0.03 * x) / (2.43 * x**2 + 0.59 * x + 0.14)
     if operator == "neutral":
-        mapped: Floats = np.apply_along_axis(_neutral, -1, x)
-        return mapped
+        return np.apply_along_axis(_neutral, -1, x)
     if operator == "agx":
         return _agx(x)
     raise ValueError(operator)
@@ -36,7 +35,7 @@ def _neutral(color: Floats) -> Floats:
     x = float(color.min())
     f = x - x**2 / (4 * 0.04) if x <= 2 * 0.04 else 0.04
     p, start = (color - f).max(), 0.76
-    out: Floats = color - f
+    out = color - f
     if p > start:
         p_n = 1 - (1 - start) ** 2 / (p + 1 - 2 * start)
         g = 1 / (0.15 * (p - p_n) + 1)
@@ -59,16 +58,14 @@ def _agx(x: Floats) -> Floats:
         return float(0.5 + np.sign(t - pivot) * scale * u / (1 + u**power) ** (1 / power))
 
     y = np.vectorize(curve, otypes=[float])(encoded) @ np.linalg.inv(inset).T
-    displayed: Floats = np.clip(y, 0, 1) ** 2.2
-    return displayed
+    return np.clip(y, 0, 1) ** 2.2
 
 
 def _to_xyz(primaries: Floats, white: Floats) -> Floats:
     """Return the matrix, (3, 3), from linear RGB to XYZ, for chromaticities x, y and a white of Y = 1."""
-    columns = np.array([[x / y, 1.0, (1 - x - y) / y] for x, y in primaries]).T
-    target = np.array([white[0] / white[1], 1.0, (1 - white[0] - white[1]) / white[1]])
-    matrix: Floats = columns * np.linalg.solve(columns, target)
-    return matrix
+    *columns, target = (np.array([x / y, 1.0, (1 - x - y) / y]) for x, y in (*primaries, white))
+    matrix = np.stack(columns, axis=1)
+    return matrix * np.linalg.solve(matrix, target)
 
 
 def tonemap(rgb: Reals, operator: str = "srgb", exposure: float = 0.0) -> Bytes:
@@ -83,15 +80,9 @@ def tonemap(rgb: Reals, operator: str = "srgb", exposure: float = 0.0) -> Bytes:
         x = np.where(ordinary, value, 0.0) * 2.0**exposure
     if joint:
         x = np.minimum(np.where(value == np.inf, np.inf, x), 1e30)
-
-    y = _operate(x, operator)
-    y = np.minimum(np.maximum(y, 0.0), 1.0)
-
+    y = np.clip(_operate(x, operator), 0.0, 1.0)
     if operator != "none":
         y = np.where(y <= 0.0031308, y * 12.92, 1.055 * y ** (1 / 2.4) - 0.055)
-
     code = np.floor(y * 255 + 0.5)
     code = np.where(np.isnan(value) | ~(ordinary | joint), 0, code)
-    code = np.where(value == np.inf, 255, code)
-    codes: Bytes = code.astype(np.uint8)
-    return codes
+    return np.where(value == np.inf, 255, code).astype(np.uint8)
