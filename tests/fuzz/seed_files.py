@@ -63,13 +63,8 @@ def _course() -> list[Sample]:
         files.append(buffer.getvalue())
     deep, strips = np.arange(4 * 5 * 3, dtype=np.uint16).reshape(4, 5, 3) * np.uint16(1000), io.BytesIO()
     tifffile.imwrite(strips, deep, photometric="rgb", rowsperstrip=2, metadata=None)
-    pictures = {
-        "b.png": _image("RGB"),
-        "c.png": png16(deep),
-        "b.tif": strips.getvalue(),
-        "a.ppm": _pnm("P3"),
-        "b.ppm": _pnm("P6"),
-    }
+    pictures = {"b.png": _image("RGB"), "c.png": png16(deep), "b.tif": strips.getvalue()}
+    pictures |= {"a.ppm": _pnm("P3"), "b.ppm": _pnm("P6")}
     textured = (Sample({"a.npy": files[0], name: data}, name) for name, data in pictures.items())
     return [*(Sample({"a.npy": data}) for data in files), *textured]
 
@@ -191,10 +186,8 @@ def _hdr() -> list[Sample]:
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 3 +X 9\n"
     rows = (b"".join(bytes([132, plane[0], 5]) + plane[4:].tobytes() for plane in row.T) for row in codes)
     pixel_by_pixel = codes[0, 0].tobytes() + b"\1\1\1\3" + codes.tobytes()[16:]
-    return [
-        Sample({"a.hdr": head + b"".join(b"\2\2\0\x09" + row for row in rows)}),
-        Sample({"a.hdr": head + pixel_by_pixel}),
-    ]
+    in_rows = b"".join(b"\2\2\0\x09" + row for row in rows)
+    return [Sample({"a.hdr": head + pixels}) for pixels in (in_rows, pixel_by_pixel)]
 
 
 def _document() -> Gltf:

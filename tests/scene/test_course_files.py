@@ -60,11 +60,8 @@ def test_other_forms_of_the_same_scene(tmp_path, content):
 def test_square_arrays_follow_the_others(tmp_path):
     square = np.arange(9, dtype=np.float64).reshape(3, 3)
     plain = {"verts": square, "vertex_colors": square, "uvs": None, "face_uv_indices": None}
-    for faces, columns in (
-        ([[0, 1], [1, 2], [2, 0]], True),
-        ([[0, 1, 2]], False),
-        ([[0, 1, 2], [1, 2, 0], [2, 2, 1]], True),
-    ):
+    for faces in ([[0, 1], [1, 2], [2, 0]], [[0, 1, 2]], [[0, 1, 2], [1, 2, 0], [2, 2, 1]]):
+        columns = len(faces) == 3
         mesh = load(save_npy(tmp_path / "a.npy", course_dict(**plain, face_indices=np.array(faces)))).meshes[0]
         assert np.array_equal(mesh.verts, square.T if columns else square)
         assert mesh.faces.tolist() == (np.transpose(faces) if columns else np.array(faces)).tolist()

@@ -35,12 +35,7 @@ def turn(degrees: float, axis=(0, 0, 1)) -> list[float]:
 
 
 def test_linear_and_step(tmp_path):
-    linear = {
-        0.0: PLACES[0],
-        0.75: (PLACES[0] + PLACES[1]) / 2,
-        1.5: 0.75 * PLACES[1] + 0.25 * PLACES[2],
-        1e39: PLACES[2],
-    }
+    linear = {0.0: PLACES[0], 0.75: PLACES[:2].mean(axis=0), 1.5: 0.75 * PLACES[1] + 0.25 * PLACES[2], 1e39: PLACES[2]}
     steps = dict(zip((0.0, 0.999, 1.0, 2.999, 3.0), PLACES[[0, 0, 1, 1, 2]], strict=True))
     for interpolation, places in (("LINEAR", linear), ("STEP", steps)):
         document = animated((0, "translation", TIMES, PLACES, interpolation), translation=[7, 7, 7])

@@ -1,4 +1,4 @@
-"""`Scene.to_glb`: what is written is read back, by this reader and by trimesh's."""
+"""`Scene.to_glb`: what is written is read back, by this reader and by trimesh's (test_from_trimesh.py)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from every_light import EVERY
-from scene_files import course_dict, save_npy
+from scene_files import corners_in_world, course_dict, save_npy
 
 import clshade
 from clshade.errors import InputError, OutputError
@@ -56,16 +56,6 @@ def content(path) -> dict:
         assert struct.unpack_from("<I4s", data, 20 + size) == (document["buffers"][0]["byteLength"], b"BIN\0")
     assert all(view["byteOffset"] % 4 == 0 for view in document.get("bufferViews", ()))
     return document
-
-
-def corners_in_world(scene: Scene) -> np.ndarray:
-    """Return the corners of all triangles, (F, 3, 3), in the order of meshes, placements and faces."""
-    corners = []
-    for part in scene.meshes:
-        verts = np.asarray(part.verts, np.float64)
-        for placement in np.asarray(part.instances):
-            corners.append((verts @ placement[:3, :3].T + placement[:3, 3])[part.faces])
-    return np.concatenate(corners)
 
 
 def at_corners(part: Mesh, name: str) -> np.ndarray:
@@ -155,15 +145,15 @@ def full_scene() -> Scene:
         "scalars": {"height": np.float64([1.5, -2.0, 0.25, 8.0]), "é": np.arange(4.0)},
         "instances": placements[:3],
         "instance_names": ("left", "", "ü"),
+        "uvs": UVS,
+        "tangents": np.float32([[1, 0, 0, -1]] * 4),
     }
-    coordinates = {"uvs": UVS, "more_uvs": (UVS[::-1].copy(),), "tangents": np.float32([[1, 0, 0, -1]] * 4)}
-    meshes = [mesh(**fields, **coordinates, material=material) for material in materials[:4]]
-    glass = mesh(**fields, uvs=UVS, material=materials[4], alphas=RNG.random(4).astype(np.float32))
-    meshes += [
-        replace(glass, tangents=coordinates["tangents"]),
+    meshes = [
+        *(mesh(**fields, more_uvs=(UVS[::-1].copy(),), material=material) for material in materials[:4]),
+        mesh(**fields, material=materials[4], alphas=RNG.random(4).astype(np.float32)),
         mesh(normals=UP, uvs=UVS, material=materials[5], instance_names=["a"]),
+        mesh(normals=UP, material=materials[6], instances=placements[[0, 3]], instance_names=["", "b"]),
     ]
-    meshes.append(mesh(normals=UP, material=materials[6], instances=placements[[0, 3]], instance_names=["", "b"]))
     meshes = [replace(part, name=f"mesh {number}") for number, part in enumerate(meshes)]
     camera = clshade.Camera((3, 2, 1), (0.2, 0.3, 0), (0.5, 1, 0.1), 2.0, (1.0, 2.0), (1200, 600))
     return Scene(meshes, camera, LIGHTS, ambient=0.1, preset="pbr", name="a")
@@ -172,13 +162,12 @@ def full_scene() -> Scene:
 DERIVED = {f"Material.{name}" for name in ("ka", "kd", "ks", "n")}  # Phong's parameters, by the reader
 
 
+@pytest.mark.filterwarnings("error")
 def test_all_that_a_file_can_say_comes_back(tmp_path):
     scene = full_scene()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        scene.to_glb(tmp_path / "a.glb")
-        back = clshade.load(tmp_path / "a.glb")
-        back.to_glb(tmp_path / "b.glb")
+    scene.to_glb(tmp_path / "a.glb")
+    back = clshade.load(tmp_path / "a.glb")
+    back.to_glb(tmp_path / "b.glb")
     assert set(differing(scene.meshes[:6], back.meshes[:6])) == DERIVED
     assert set(differing(scene.meshes[6], back.meshes[6])) == {"Material.n"}
     alone, copy = (replace(entry, meshes=(), camera=CAMERA, lights=()) for entry in (scene, back))
@@ -423,31 +412,6 @@ def test_refused(folder, monkeypatch, changes, message):
         Scene(**fields).to_glb(path)
     assert isinstance(caught.value, OutputError) or str(caught.value).startswith("to_glb: ")
     assert not list(folder.iterdir())
-
-
-# Another reader
-
-
-def test_trimesh_reads_it(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    texture = eight_bits((4, 5, 3), srgb=True, name="skin")
-    placements = np.stack([np.eye(4), np.diag([2.0, 2.0, 2.0, 1.0])])
-    placements[1, :3, 3] = 1, 2, 3
-    painted = mesh(uvs=UVS, material=Material(texture=texture, pbr=MetallicRoughness(0.25, 0.5)), name="painted")
-    colored = mesh(colors=np.eye(4)[:, :3], instances=placements, name="colored")
-    Scene((painted, colored), CAMERA, LIGHTS).to_glb(tmp_path / "a.glb")
-    loaded = trimesh.load(tmp_path / "a.glb")
-    assert len(loaded.graph.nodes_geometry) == 3
-    corners = corners_in_world(clshade.load(tmp_path / "a.glb"))
-    assert sorted(np.reshape(loaded.triangles, (-1, 9)).tolist()) == sorted(np.reshape(corners, (-1, 9)).tolist())
-    one, second = loaded.geometry["painted"], loaded.geometry["colored"]
-    codes = np.asarray(one.visual.material.baseColorTexture.convert("RGB"))
-    assert srgb_to_linear(codes / 255.0).astype(np.float32).tobytes() == texture.image.tobytes()
-    assert (one.visual.material.metallicFactor, one.visual.material.roughnessFactor) == (0.25, 0.5)
-    np.testing.assert_allclose(one.visual.uv, UVS * [1, -1] + [0, 1], atol=1e-7)
-    assert second.visual.vertex_attributes["color"].tolist() == np.eye(4)[:, :3].tolist()
-    assert loaded.has_camera
-    np.testing.assert_allclose(loaded.camera.fov[1], 40.0, rtol=1e-9)
 
 
 def test_trimesh_reads_halves_of_surrogate_pairs(tmp_path):

@@ -88,10 +88,7 @@ WORST = {
     "memoized anywhere": b"N" + b"".join(b"r" + word(k << 14) for k in range(SIZE // 5)),
     "a long reference": repeated(b"a", b"c", b"\nload\n"),
     # Values
-    **{
-        f"a list of {part[:12]!r}": fields(verts=repeated(part, b"](", b"e"))
-        for part in (b"K\x01", LONG, b"\x8c\x01\xff")
-    },
+    **{f"list of {one[:12]!r}": fields(verts=repeated(one, b"](", b"e")) for one in (b"K\x01", LONG, b"\x8c\x01\xff")},
     "appended to itself": fields(verts=repeated(get(0) + b"a", b"]" + put(0))),
     "many keys": fields(**{f"{k:06x}": b"N" for k in range(SIZE // 12)}),
     "colliding keys": fields(verts=b"}(" + COLLIDING + b"u"),
@@ -108,10 +105,8 @@ WORST = {
     "the whole of 2^28 leaves": pairs() + b".",
     "a list in all fields": fields(unused=LISTED, **{key: b"](" + get(0) * 250 + b"e" for key in course_dict()}),
     "an array many times": fields(unused=zeros(3) + put(0), light_positions=repeated(get(0), b"](", b"e")),
-    "long arguments many times": repeated(
-        b"cnumpy\ndtype\n" + get(0) + b"R", b"(" + b"N" * (SIZE // 2) + b"t" + put(0)
-    ),
-    "a long state many times": repeated(get(0) + b"b", b"(" + b"N" * (SIZE // 2) + b"t" + put(0) + F8),
+    "long arguments often": repeated(b"cnumpy\ndtype\n" + get(0) + b"R", b"(" + b"N" * (SIZE // 2) + b"t" + put(0)),
+    "a long state often": repeated(get(0) + b"b", b"(" + b"N" * (SIZE // 2) + b"t" + put(0) + F8),
 }
 
 

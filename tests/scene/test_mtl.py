@@ -134,9 +134,8 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
 
 def test_creases_of_a_whole_file(tmp_path):
     verts, *faces = ROOF.split("f ")
-    path = write(
-        tmp_path / "a.obj", verts + "".join(f"o {name}\nf {face}" for name, face in zip("ab", faces, strict=True))
-    )
+    objects = "".join(f"o {name}\nf {face}" for name, face in zip("ab", faces, strict=True))
+    path = write(tmp_path / "a.obj", verts + objects)
     for crease, smooth in ((30, True), (10, False)):
         one, two = load(path, crease=crease).meshes
         shared = one.normals[one.normal_faces[0, 0]], two.normals[two.normal_faces[0, 1]]

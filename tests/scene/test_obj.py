@@ -88,10 +88,7 @@ def plain(text: str) -> tuple[list, list, list, list]:
             polygon = []
             for word in words[1:]:
                 numbers = [int(part or "0") for part in (word + "//").split("/")[:3]]
-                lists = (rows["v"], rows["vt"], rows["vn"])
-                polygon.append(
-                    [n - 1 if n > 0 else -1 if n == 0 else len(of) + n for n, of in zip(numbers, lists, strict=True)]
-                )
+                polygon.append([n - 1 if n >= 0 else len(of) + n for n, of in zip(numbers, rows.values(), strict=True)])
             faces.append(polygon)
     return rows["v"], rows["vt"], rows["vn"], faces
 
@@ -149,9 +146,8 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
         same = partial(np.array_equal, equal_nan=True) if isinstance(expected, np.ndarray) else eq
         assert same(expected, actual), name
     assert reference.colored.tolist() == [3 * k + corner for k in range(12) for corner in (0, 2)]
-    np.testing.assert_array_equal(
-        reference.colors, [row for k in range(12) for row in ([1, 0, 0.5, np.nan], [0, k, 0, 0.5])]
-    )
+    colors = [row for k in range(12) for row in ([1, 0, 0.5, np.nan], [0, k, 0, 0.5])]
+    np.testing.assert_array_equal(reference.colors, colors)
     assert reference.libraries == [(16 * k + 2, f"{k}.mtl") for k in range(12)]
     assert len(reference.runs) == 24
 

@@ -28,12 +28,8 @@ FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 
 @pytest.mark.parametrize("form", FORMS)
 def test_polygons_become_fans(tmp_path, form):
-    for lists in (
-        [[0, 1, 2], [1, 3, 2]],
-        [[0, 1, 3, 2]],
-        [[0, 1, 2], [0, 1, 3, 2], [3, 2, 1]],
-        [[2, 3, 1], [2, 3, 1, 0]],
-    ):
+    half, whole = [0, 1, 2], [0, 1, 3, 2]
+    for lists in ([half, [1, 3, 2]], [whole], [half, whole, [3, 2, 1]], [[2, 3, 1], [2, 3, 1, 0]]):
         rows = POINTS + [(f"B{len(row)}i", [len(row), *row]) for row in lists]
         path = write(tmp_path / "a.ply", ply(form, HEAD + FACES.format(len(lists)), rows))
         scene, messages = scene_and_warnings(path)

@@ -57,9 +57,7 @@ def loaded(path) -> tuple[list[tuple[int, ...] | None], list[str]]:
 @pytest.mark.parametrize(
     ("name", "ending"), [*((name, "obj") for name in FOREIGN), ("c:a.png", "gltf"), ("c:a.png", "ply")]
 )
-def test_the_file_of_that_name_beside_the_scene_stands_for_a_path_that_leads_nowhere(
-    tmp_path, monkeypatch, name, ending
-):
+def test_a_file_of_that_name_beside_the_scene_stands_for_a_path_that_leads_nowhere(tmp_path, monkeypatch, name, ending):
     folder, opened = tmp_path / "scene", []
     path = textured(folder, ending, name)
     (folder / "sub").mkdir()
@@ -230,11 +228,8 @@ def test_a_store_gives_its_own_files_alone(tmp_path, layout):
     path = store(layout, tmp_path, scene, *(part for part in parts if part.name != "a.png"))
     image, link = tmp_path / "a" / "a.png", tmp_path / os.path.dirname(path) / "a.png"
     private, unnamed = (layout(top, "a.png", image.read_bytes())[1] for top in (tmp_path / "private", tmp_path))
-    unnamed = (
-        unnamed.parents[1] / "WORM-s1-m1--a.png" / "WORM-s1-m1--a.png"
-        if ".git" in unnamed.parts
-        else unnamed.with_name("a")
-    )
+    key = "WORM-s1-m1--a.png"
+    unnamed = unnamed.parents[1] / key / key if ".git" in unnamed.parts else unnamed.with_name("a")
     for decoy in (private, unnamed):
         decoy.parent.mkdir(parents=True, exist_ok=True)
         decoy.write_bytes(image.read_bytes())

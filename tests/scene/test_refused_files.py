@@ -87,11 +87,7 @@ PLY_CHANGES = [
     ("3 0 1 2", "3 0 1 2 9", "rows: "),
     ("1.0 1.0 0.5", "1.0 nan 0.5", "element vertex: row 3: y: …nan"),
     ("1.0 1.0 0.5", "1.0 abc 0.5", "line 14: expected numbers, found 'abc'"),
-    (
-        "int vertex_indices\n",
-        "int vertex_indices\nproperty list uchar float texcoord\n",
-        "element face: row 0: texcoord",
-    ),
+    ("vertex_indices\n", "vertex_indices\nproperty list uchar float texcoord\n", "element face: row 0: texcoord"),
 ]
 BINARY_PLY = [
     (BINARY[:-1], "element face: "),

@@ -67,10 +67,8 @@ def test_angles_weigh_not_areas():
     verts = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-9, 9, 0]], float)
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     uvs = np.array([[0, 0], [1, 0], [0, -1], [-9, -20]], float)
-    face_tangents = [
-        reference_tangents(verts[faces[[k]]], np.tile(UP[0], (1, 3, 1)), uvs[faces[[k]]])[0, 0, :3] for k in range(2)
-    ]
-    expected = np.pi / 2 * face_tangents[0] + np.pi / 4 * face_tangents[1]
+    first, second = (reference_tangents(verts[[face]], UP[None, :3], uvs[[face]])[0, 0, :3] for face in faces)
+    expected = np.pi / 2 * first + np.pi / 4 * second
     tangent = at_corners(verts, faces, UP, uvs)[0, 0, :3]
     np.testing.assert_allclose(tangent, expected / np.linalg.norm(expected), atol=1e-15)
 

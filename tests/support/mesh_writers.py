@@ -43,6 +43,12 @@ class Gltf:
         self.json["accessors"].append(entry)
         return len(self.json["accessors"]) - 1
 
+    def sparse(self, rows: Any, values: Any, count: int) -> int:
+        """Add an accessor of vectors that are 0 except in some rows."""
+        indices = {"bufferView": self.view(rows.tobytes()), "componentType": _COMPONENTS[str(rows.dtype)]}
+        parts = {"count": len(rows), "indices": indices, "values": {"bufferView": self.view(values.tobytes())}}
+        return self.add("accessors", {"componentType": 5126, "type": "VEC3", "count": count, "sparse": parts})
+
     def mesh(self, attributes: dict[str, Any], indices: Any = None, **fields: Any) -> int:
         """Add a mesh of one primitive; arrays become accessors, integers are indices of accessors."""
         accessors = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items()}
@@ -125,17 +131,6 @@ def png(pixels: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def textured(document: Gltf, pixels: np.ndarray, material: dict, uvs=None, **info) -> None:
-    """Add a textured material and a triangle with it."""
-    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
-    reflection = material.setdefault("pbrMetallicRoughness", {})
-    reflection["baseColorTexture"] = {"index": 0, **info}
-    index = document.add("materials", material)
-    uvs = np.array([[0, 0], [1, 0], [0, 1]], np.float32) if uvs is None else uvs
-    document.mesh({"POSITION": CORNERS, "TEXCOORD_0": uvs}, INDICES, material=index)
-
-
 def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:
     """Return a PLY file. rows: (struct format without byte order, values) in file order."""
     text = f"ply\nformat {form} 1.0\n{header}end_header\n".encode()
@@ -168,10 +163,8 @@ def spheres(path) -> str:
     phi, theta = (a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, across), np.linspace(0, np.pi, up)))
     normals = np.stack([np.sin(theta) * np.cos(phi), -np.cos(theta), np.sin(theta) * np.sin(phi)], 1)
     uvs = np.stack([phi / (2 * np.pi), theta / np.pi], 1)
-    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).reshape(-1)
-    faces = np.concatenate(
-        [np.stack([first, first + across, first + 1], 1), np.stack([first + 1, first + across, first + across + 1], 1)]
-    )
+    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).reshape(-1, 1)
+    faces = np.concatenate([first + [0, across, 1], first + [1, across, across + 1]])
     shape = {
         "POSITION": document.accessor((0.45 * normals).astype(np.float32)),
         "NORMAL": document.accessor(normals.astype(np.float32)),

@@ -94,6 +94,12 @@ def scene_and_warnings(path, **options: Any) -> tuple[Scene, list[str]]:
     return scene, messages
 
 
+def corners_in_world(scene: Scene) -> np.ndarray:
+    """Return the corners of all triangles, (F, 3, 3), in the order of meshes, placements and faces."""
+    placed = ((mesh, matrix) for mesh in scene.meshes for matrix in np.asarray(mesh.instances))
+    return np.concatenate([(mesh.verts @ m[:3, :3].T + m[:3, 3])[mesh.faces] for mesh, m in placed])
+
+
 def refusal(path, *parts: str, **options: Any) -> str:
     """Return the message that refuses a file: one line that contains the file's name and the given parts."""
     with pytest.raises(InputError) as caught:
