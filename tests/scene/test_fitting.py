@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mesh_writers import triangle
+from scene_files import ends_in_image
 
 import clshade
 from clshade import Camera, Mesh, Scene
@@ -24,16 +25,7 @@ SKEW = Camera.from_fov((3, 5, 9), (1, 0, 2), (0.2, 1, 0.1), 50.0)
 
 
 def seen(camera, meshes=(MESH,)):
-    """Return the least and the greatest image coordinates of the vertices, (2, 2): from -1 to 1 inside the image."""
-    ends = []
-    for mesh in meshes:
-        for placement in np.asarray(mesh.instances):
-            points = mesh.verts[np.unique(mesh.faces)] @ placement[:3, :3].T + placement[:3, 3]
-            x, y, z = camera_axes(camera) @ (points - camera.eye).T
-            assert (z > 0.0).all()
-            depth = 1.0 if camera.orthographic else z / camera.focal
-            ends += [*(np.stack([x, y], axis=1) / np.reshape(depth, (-1, 1)) / camera.plane[::-1] * 2.0)]
-    return np.array([np.min(ends, axis=0), np.max(ends, axis=0)])
+    return ends_in_image(camera, meshes)
 
 
 @pytest.mark.parametrize("resolution", [(800, 600), (100, 700), (700, 100), (1, 1)])

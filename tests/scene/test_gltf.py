@@ -120,14 +120,25 @@ def test_interleaved_quantized_and_sparse_accessors(tmp_path):
     document.mesh({"POSITION": document.sparse(np.uint16([2]), np.float32([[7, 8, 9]]), 3)}, INDICES)
     verts = RNG.random((100, 3), np.float32)
     document.mesh({"POSITION": verts, "COLOR_0": verts}, np.array([50, 3, 90], np.uint16))
-    one, second, third, share = load(document.glb(tmp_path / "a.glb")).meshes
+    path = document.glb(tmp_path / "a.glb")
+    one, second, third, share = load(path).meshes
     assert one.verts.tolist() == CORNERS.tolist()
     np.testing.assert_allclose(one.colors, [[1, 0, 0.2], [0, 1, 0], [0, 0, 0]], atol=1e-7)
+    np.testing.assert_allclose(load(path, vertex_colors="srgb").meshes[0].colors[0], [1, 0, 0.0331048], atol=1e-6)
     assert second.verts.tolist() == [[0, 0, 0], [9, 0, 0], [0, 9, 0]]
     assert second.normals.tolist() == [[0, 0, 1]] * 3
     assert third.verts.tolist() == [[0, 0, 0], [0, 0, 0], [7, 8, 9]]
     assert np.array_equal(share.verts[share.faces[0]], verts[[50, 3, 90]])
     assert (len(share.verts), share.colors.tolist()) == (3, share.verts.tolist())
+
+
+def test_normals_that_are_none_are_computed(tmp_path):
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS, "NORMAL": np.float32([[0, 0, 0], [0, np.nan, 0], [0, 0, 0]])}, INDICES)
+    scene, (message,) = scene_and_warnings(document.glb(tmp_path / "a.glb"))
+    assert scene.meshes[0].normals.tolist() == [[0, 0, 1]] * 3
+    remark = "normals that are 0 or not finite were computed from the faces: 3"
+    assert message.endswith(f"primitives[0].attributes.NORMAL: {remark}")
 
 
 def test_what_is_not_rendered_is_told_once(tmp_path):

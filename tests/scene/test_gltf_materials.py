@@ -28,8 +28,7 @@ COLORED = {"baseColorTexture": {"index": 0}}
 def written(tmp_path, attributes: dict[str, Any] | None = None, *, pixels=PIXELS, sampler=None, **material: Any) -> str:
     """Write a triangle with two sets of texture coordinates, these attributes besides or instead (None: without)."""
     document = Gltf()
-    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
+    document.texture(pixels)
     if sampler is not None:
         document.json["textures"][0]["sampler"] = document.add("samplers", sampler)
     document.add("materials", material)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_changes import REMOVED, changed
-from mesh_writers import CORNERS, INDICES, Gltf, bar, pack_glb, png, triangle
-from scene_files import refusal, write
+from gltf_changes import changed
+from mesh_writers import CORNERS, INDICES, Gltf, bar, pack_glb, triangle
+from scene_files import REMOVED, refusal, write
 
 from clshade import load
 
@@ -50,8 +50,7 @@ def morphed() -> Gltf:
 
 def textured() -> Gltf:
     document = Gltf()
-    document.add("images", {"bufferView": document.view(png(np.zeros((3, 2, 3), np.uint8))), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
+    document.texture(np.zeros((3, 2, 3), np.uint8))
     document.add("materials", {"normalTexture": {"index": 0}, "pbrMetallicRoughness": {}})
     attributes = {"POSITION": CORNERS, "NORMAL": UP, "TEXCOORD_0": CORNERS[:, :2].copy()}
     document.mesh(attributes, INDICES, material=0)
@@ -64,6 +63,7 @@ SKIN, INVERSE, IN_INVERSE = "skins.0", "skins.0.inverseBindMatrices", "skins[0].
 LENS, FLAT = "cameras.0", {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 0}}
 LIGHT, SPOT = "extensions.KHR_lights_punctual.lights.0", "extensions.KHR_lights_punctual.lights.0.spot"
 SAMPLER, CHANNEL = "animations.0.samplers.0", "animations.0.channels.0"
+OUTPUT, PATH = f"{SAMPLER}.output", f"{CHANNEL}.target.path"
 BAD = np.zeros((2, 16), np.float32)
 HUGE = np.full((3, 3), 3e38, np.float32)
 WEIGHT = np.full((6, 4), 0.25, np.float32)
@@ -73,7 +73,8 @@ FINITE = "a finite number of at least 0"
 IN_JOINTS = "attributes.JOINTS_0: expected 6 of 4 whole numbers, found"
 IN_WEIGHTS = "attributes.WEIGHTS_0: expected 6 of 4 float32 or normalized"
 IN_INPUT, IN_OUTPUT = "samplers[0].input: expected", "samplers[0].output: expected"
-IN_TARGET = "channels[0].target"
+IN_TARGET, IN_WORLD = "channels[0].target", "nodes[1].matrix: expected a finite placement in the world"
+CYCLE, LARGE = {"scenes.0.nodes": [3], "nodes.0.children": [], "nodes.2.children": [1]}, {"scale": [1e200] * 3}
 
 # A document, its changes, parts of the message
 BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
@@ -111,10 +112,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({f"{P}.material": 0}, "material: expected an index of the 0 materials"),
         ({P: []}, "meshes[0].primitives[0]: expected an object"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "nodes[0]: expected a tree"),
-        (
-            {"nodes": [{"children": [1], "scale": [1e200] * 3}, {"mesh": 0, "scale": [1e200] * 3}]},
-            "nodes[1].matrix: expected a finite placement in the world, found an overflow",
-        ),
+        ({"nodes": [{"children": [1], **LARGE}, {"mesh": 0, **LARGE}]}, f"{IN_WORLD}, found an overflow"),
     ],
     placed: [
         ({"nodes.1.mesh": 7}, "nodes[1].mesh: "),
@@ -167,10 +165,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({INVERSE: BAD}, f"{IN_INVERSE} finite matrices", "in row 0"),
         ({INVERSE: BAD + np.float32(np.nan)}, f"{IN_INVERSE} finite matrices"),
         ({"nodes.3.skin": 3}, "nodes[3].skin: expected an index of the 1 skins"),
-        (
-            {"scenes.0.nodes": [3], "nodes.0.children": [], "nodes.2.children": [1]},
-            "nodes[1]: expected a tree of nodes, found a cycle",
-        ),
+        (CYCLE, "nodes[1]: expected a tree of nodes, found a cycle"),
     ],
     morphed: [
         ({"meshes.0.weights": [1, 2]}, "meshes[0].weights: expected 1 finite numbers"),
@@ -196,25 +191,21 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({f"{SAMPLER}.input": np.uint16([0, 1, 2])}, f"{IN_INPUT} float32 of type SCALAR"),
         ({f"{SAMPLER}.input": PLACES}, f"{IN_INPUT} float32 of type SCALAR"),
         ({f"{SAMPLER}.input": REMOVED}, f"{IN_INPUT} an index, found none"),
-        ({f"{SAMPLER}.output": REMOVED}, f"{IN_OUTPUT} an index, found none"),
-        ({f"{SAMPLER}.output": 99}, f"{IN_OUTPUT} an index of the 4 accessors, found 99"),
-        ({f"{SAMPLER}.output": PLACES[:2]}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 2 of 3"),
-        ({f"{SAMPLER}.output": NOT_FINITE}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 3 of 4 float32"),
-        ({f"{SAMPLER}.output": NOT_FINITE[:, :3].copy()}, f"{IN_OUTPUT} finite numbers", "in row 1"),
-        ({f"{SAMPLER}.output": PLACES.astype(np.int16)}, "float32 or normalized integers, found 3 of 3 int16"),
+        ({OUTPUT: REMOVED}, f"{IN_OUTPUT} an index, found none"),
+        ({OUTPUT: 99}, f"{IN_OUTPUT} an index of the 4 accessors, found 99"),
+        ({OUTPUT: PLACES[:2]}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 2 of 3"),
+        ({OUTPUT: NOT_FINITE}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 3 of 4 float32"),
+        ({OUTPUT: NOT_FINITE[:, :3].copy()}, f"{IN_OUTPUT} finite numbers", "in row 1"),
+        ({OUTPUT: PLACES.astype(np.int16)}, "float32 or normalized integers, found 3 of 3 int16"),
         ({f"{SAMPLER}.interpolation": "CUBICSPLINE"}, f"{IN_OUTPUT} 9 rows of 3 for 3 times, ", "found 3 of 3"),
         ({f"{SAMPLER}.interpolation": "CUBIC"}, "expected one of LINEAR, STEP, CUBICSPLINE, found 'CUBIC'"),
-        (
-            {f"{SAMPLER}.output": np.zeros((3, 4), np.float32), f"{CHANNEL}.target.path": "rotation"},
-            "output: expected quaternions other than 0",
-            "row 0",
-        ),
+        ({OUTPUT: np.zeros((3, 4), np.float32), PATH: "rotation"}, f"{IN_OUTPUT} quaternions other than 0", "row 0"),
         ({f"{CHANNEL}.sampler": 1}, "channels[0].sampler: expected an index of the 1 samplers, found 1"),
         ({f"{CHANNEL}.sampler": REMOVED}, "channels[0].sampler: expected a whole number of at least 0"),
         ({f"{CHANNEL}.target": REMOVED}, f"{IN_TARGET}: expected an object, found none"),
-        ({f"{CHANNEL}.target.path": REMOVED}, f"{IN_TARGET}.path: expected one of translation"),
-        ({f"{CHANNEL}.target.path": "color"}, f"{IN_TARGET}.path: expected one of translation, rotation", "'color'"),
-        ({f"{CHANNEL}.target.path": "weights"}, f"{IN_TARGET}.node: expected a node whose mesh has morph targets"),
+        ({PATH: REMOVED}, f"{IN_TARGET}.path: expected one of translation"),
+        ({PATH: "color"}, f"{IN_TARGET}.path: expected one of translation, rotation", "'color'"),
+        ({PATH: "weights"}, f"{IN_TARGET}.node: expected a node whose mesh has morph targets"),
         ({f"{CHANNEL}.target.node": 4}, f"{IN_TARGET}.node: expected an index of the 4 nodes, found 4"),
         ({"nodes.0.matrix": np.eye(4).ravel().tolist()}, f"{IN_TARGET}.node: expected a node without a matrix"),
         (
@@ -224,10 +215,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({"animations.0.name": 5}, "animations[0].name: expected text, found 5"),
         ({"animations.0": 3}, "animations[0]: expected an object, found 3"),
         ({"animations": {"name": "Run"}}, "animations: expected a list"),
-        (
-            {f"{SAMPLER}.output": HUGE, f"{CHANNEL}.target.path": "scale", "nodes.1.scale": [1e300] * 3},
-            "nodes[1].matrix: expected a finite placement in the world",
-        ),
+        ({OUTPUT: HUGE, PATH: "scale", "nodes.1.scale": [1e300] * 3}, IN_WORLD),
     ],
 }
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from gltf_changes import REMOVED, changed
-from mesh_writers import CORNERS, INDICES, Gltf, bar, png, triangle
-from scene_files import corners_in_world, scene_and_warnings
+from gltf_changes import changed
+from mesh_writers import CORNERS, INDICES, Gltf, bar, triangle
+from scene_files import REMOVED, corners_in_world, scene_and_warnings
 
 from clshade.scene.formats.gltf_meshes import Influences, deform
 from clshade.scene.formats.load import load
@@ -28,10 +28,9 @@ def bent() -> Gltf:
     return document
 
 
-def flat_normal_map(document: Gltf) -> int:
+def normal_map(document: Gltf) -> int:
     """Add a material that needs tangents."""
-    document.add("images", {"bufferView": document.view(png(np.zeros((1, 1, 3), np.uint8))), "mimeType": "image/png"})
-    return document.add("materials", {"normalTexture": {"index": document.add("textures", {"source": 0})}})
+    return document.add("materials", {"normalTexture": {"index": document.texture(np.zeros((1, 1, 3), np.uint8))}})
 
 
 # Skins
@@ -97,7 +96,7 @@ def test_normals_and_tangents_of_a_stretched_joint(tmp_path):
         "TEXCOORD_0": np.zeros((6, 2), np.float32),
     }
     changes = {f"{P}.attributes.{name}": values for name, values in attributes.items()}
-    changes |= {f"{P}.material": flat_normal_map(document), "nodes.1.scale": [2, 1, 1]}  # of both joints
+    changes |= {f"{P}.material": normal_map(document), "nodes.1.scale": [2, 1, 1]}  # of both joints
     (mesh,) = load(changed(document, changes, tmp_path / "a.glb")).meshes
     np.testing.assert_allclose(mesh.verts[:, 0], [-0.2, 0.2] * 3, rtol=1e-6)
     normals = mesh.normals / np.linalg.norm(mesh.normals, axis=1)[:, None]
@@ -121,7 +120,7 @@ def test_a_mirrored_skin_keeps_its_front(tmp_path):
     scene = load(changed(bar(), changes, tmp_path / "a.glb"))
     (mesh,) = scene.meshes
     (matrix,) = mesh.instances
-    np.testing.assert_allclose(corners_in_world(scene), (STRAIGHT + [0, 3, 4])[mesh.faces], rtol=1e-6)
+    np.testing.assert_allclose(corners_in_world(scene.meshes), (STRAIGHT + [0, 3, 4])[mesh.faces], rtol=1e-6)
     assert np.linalg.det(matrix[:3, :3]) < 0.0  # as for a placement that mirrors: winding is reversed
     inverse_transpose = np.linalg.inv(matrix[:3, :3]).T
     assert (mesh.normals @ inverse_transpose.T).tolist() == [[0, 0, -1]] * 6
@@ -163,7 +162,7 @@ def test_bars_of_one_mesh_with_skins_of_their_own_or_none(tmp_path):
     document.add("skins", {"joints": [4, 4]})
     document.json["nodes"][0]["children"] += [4, 5, 6]
     with pytest.warns(UserWarning, match="not rendered: joints of meshes without a skin$"):
-        corners = corners_in_world(load(document.glb(tmp_path / "a.glb")))
+        corners = corners_in_world(load(document.glb(tmp_path / "a.glb")).meshes)
     assert corners[::4, 0].tolist() == np.float32([[-0.1, 0, 0], [8.9, 0, 0], [-0.1, 0, 4]]).tolist()
     document = triangle()
     document.add("nodes", {"mesh": 0, "skin": 0, "translation": [50, 60, 70]})
@@ -217,7 +216,7 @@ def test_all_attributes_are_morphed(tmp_path):
     changes = {f"{P}.attributes.{name}": values for name, values in attributes.items()} | {
         f"{TARGET}.NORMAL": (np.int8([[127, 0, 0]] * 3), {"normalized": True}),
         f"{TARGET}.POSITION": document.sparse(np.uint16([2]), np.float32([[0, 0, 3]]), 3),
-        f"{P}.material": flat_normal_map(document),
+        f"{P}.material": normal_map(document),
         "meshes.0.weights": [0.5],
     }
     (mesh,) = load(changed(document, changes, tmp_path / "a.glb")).meshes

@@ -197,7 +197,7 @@ def test_a_course_file_becomes_a_mesh_of_the_same_look(tmp_path):
     scene.to_glb(tmp_path / "a.glb")
     back = clshade.load(tmp_path / "a.glb")
     (copy,), (expected,) = back.meshes, scene.meshes
-    assert corners_in_world(back).tobytes() == corners_in_world(scene).tobytes()
+    assert corners_in_world(back.meshes).tobytes() == corners_in_world(scene.meshes).tobytes()
     assert_same_camera(back.camera, scene.camera)
     normals = vertex_normals(expected.verts, expected.faces)[expected.faces]
     np.testing.assert_allclose(at_corners(copy, "normals"), normals, atol=2e-7)
@@ -249,7 +249,7 @@ def test_vertices_are_split_only_where_attributes_differ(tmp_path):
     assert at_corners(one, "normals").tolist() == [[[0, 0, 1]] * 3, [[0, 1, 0]] * 3]
     assert one.verts[one.faces].tolist() == second.verts[second.faces].tolist() == CORNERS[FACES].tolist()
     np.testing.assert_array_equal(at_corners(second, "uvs"), UVS[FACES])
-    np.testing.assert_allclose(corners_in_world(back)[4:6], verts[unused.faces], rtol=1e-7)
+    np.testing.assert_allclose(corners_in_world(back.meshes)[4:6], verts[unused.faces], rtol=1e-7)
     assert third.faces.tolist() == FACES[:, [2, 1, 0]].tolist()
     np.testing.assert_allclose(third.colors, colors[1:5], rtol=1e-7)
     assert measured.scalars["height"][measured.faces].tolist() == scalars["height"][FACES].tolist()
@@ -270,7 +270,7 @@ def test_float64_positions_keep_their_accuracy(tmp_path, offset, scale):
     if scale == 1.0:
         faces = RNG.integers(0, 50, (30, 3))
         scene, _ = written(tmp_path, mesh(verts=verts, faces=faces))
-        error = np.abs(corners_in_world(scene) - verts[faces]).max()
+        error = np.abs(corners_in_world(scene.meshes) - verts[faces]).max()
         assert error <= 2.0**-24 * 1.01 + 4e-16 * abs(offset)
 
 
@@ -281,7 +281,7 @@ def test_parts_in_float64_stay_one_object(tmp_path):
     scene, _ = written(tmp_path, *parts)
     assert object_names(scene) == ["car"]
     assert content(tmp_path / "a.glb")["nodes"][0]["name"] == "left"
-    assert np.abs(corners_in_world(scene)[1] - parts[1].verts).max() <= 2.0**-22
+    assert np.abs(corners_in_world(scene.meshes)[1] - parts[1].verts).max() <= 2.0**-22
 
 
 @pytest.mark.parametrize("count", [65535, 65536])
@@ -292,7 +292,7 @@ def test_indices_are_as_wide_as_they_need(tmp_path, count):
     verts[-1, 1] = 1.0
     rest = np.minimum(np.arange(2, 2 + count // 3 * 3), count - 1).reshape(-1, 3)
     back, _ = written(tmp_path, mesh(verts=verts, faces=np.vstack([[[0, 1, count - 1]], rest])))
-    assert corners_in_world(back)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
+    assert corners_in_world(back.meshes)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
     accessors = content(tmp_path / "a.glb")["accessors"]
     assert accessors[-1]["componentType"] == (5123 if count == 65535 else 5125)
 

@@ -12,7 +12,7 @@ import clshade
 from clshade import DirectionalLight, PointLight, RectangleLight, SpotLight
 from clshade.errors import InputError
 from clshade.scene import look
-from clshade.scene.adjust_camera import named_cameras, seen_by
+from clshade.scene.adjust_camera import VIEWS, named_cameras, seen_by
 from clshade.scene.contents import format_contents, scene_contents
 from clshade.scene.lights import LIGHTS, PlacedLight
 from clshade.scene.model import Mesh, Scene
@@ -57,7 +57,12 @@ def test_every_kind(light):
 def test_the_view_turns_positions_and_directions():
     """From the right the sun and the spot come from where they came from as seen from the front."""
     scene = Scene(MESH, CAMERA, (SUN, SPOT, LAMP, PANEL))
-    right = named_cameras(scene, ("right",))["right"]
+    cameras = named_cameras(scene, VIEWS)
+    for name, place in {"front": (1, 2, 3), "back": (-1, 2, -3), "top": (1, 3, -2), "camera": (1, 2, 3)}.items():
+        view = seen_by(scene, cameras[name])
+        assert view.camera is cameras[name]
+        np.testing.assert_allclose(view.lights[2].position, place, atol=1e-12)
+    right = cameras["right"]
     sun, spot, lamp, panel = seen_by(scene, right).lights
     np.testing.assert_allclose(sun.direction, [4, -3, 0], atol=1e-12)
     np.testing.assert_allclose(spot.position, [3, 2, -1], atol=1e-12)
@@ -67,6 +72,7 @@ def test_the_view_turns_positions_and_directions():
     np.testing.assert_allclose(panel.up, [0, 0.5, 0], atol=1e-12)
     assert (spot.inner_cone, spot.outer_cone, lamp.range) == (10, 20, 7)
     assert seen_by(scene, right, fixed_lights=True).lights == scene.lights
+    assert seen_by(scene, CAMERA.with_resolution((7, 5))).lights == scene.lights
 
 
 def test_factors_and_growing_scenes():

@@ -21,7 +21,7 @@ def test_corners_come_back(tmp_path, kind):
         data = trimesh.exchange.ply.export_ply(KNOBBLY, encoding="ascii" if text else "binary")
     else:
         data = KNOBBLY.export(file_type=kind)
-    triangles = corners_in_world(load(write(tmp_path / f"a.{name}", data)))
+    triangles = corners_in_world(load(write(tmp_path / f"a.{name}", data)).meshes)
     tolerance = 3e-7 if kind in ("ply", "stl", "glb") else 3e-6  # float32 at 2.1, or the digits of the text
     np.testing.assert_allclose(triangles, KNOBBLY.triangles, atol=tolerance)
 
@@ -33,7 +33,7 @@ def test_a_tree_of_nodes(tmp_path):
     scene.add_geometry(KNOBBLY, node_name="a", geom_name="k", transform=placements[0])
     for parent, node, placement in (("a", "b", placements[1]), ("b", "c", placements[2])):
         scene.graph.update(node, frame_from=parent, matrix=placement, geometry="k")
-    triangles = corners_in_world(load(write(tmp_path / "a.glb", scene.export(file_type="glb"))))
+    triangles = corners_in_world(load(write(tmp_path / "a.glb", scene.export(file_type="glb"))).meshes)
     world = [placements[0], placements[0] @ placements[1], placements[0] @ placements[1] @ placements[2]]
     expected = [KNOBBLY.triangles @ matrix[:3, :3].T + matrix[:3, 3] for matrix in world]
     assert len(triangles) == 3 * len(KNOBBLY.faces)

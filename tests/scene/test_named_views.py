@@ -9,12 +9,12 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.scene import geometry
-from clshade.scene.adjust_camera import VIEWS, adjusted, named_cameras, seen_by, towards_eye, up_of
+from clshade.scene.adjust_camera import VIEWS, adjusted, named_cameras, towards_eye, up_of
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 from clshade.scene.framing import FILL, UPS
 from clshade.scene.geometry import camera_axes
-from clshade.scene.model import Mesh, PointLight, Scene
+from clshade.scene.model import Mesh, Scene
 
 NAMED = VIEWS[:-1]
 
@@ -24,7 +24,7 @@ def box(size, up=(0.0, 1.0, 0.0), resolution=(80, 60)):
     half = np.array(size, np.float64) / 2.0
     verts = np.array([10.0, 20.0, 30.0]) + half * [(-1, -1, -1), (1, -1, -1), (1, 1, 1), (-1, 1, 1)]
     camera = Camera.from_fov((13.0, 25.0, 49.0), (10.0, 20.0, 30.0), up, 35.0, resolution)
-    return Scene(Mesh(verts, [(0, 1, 2), (0, 2, 3)]), camera, PointLight((10.0, 20.0, 60.0)))
+    return Scene(Mesh(verts, [(0, 1, 2), (0, 2, 3)]), camera)
 
 
 @pytest.mark.parametrize(
@@ -60,19 +60,6 @@ def test_the_whole_scene_fits_at_one_scale(size, resolution):
         fill = max(fill, *(2.0 * half / camera.plane[::-1]))
         assert np.linalg.norm(camera.eye - camera.lookat) > np.linalg.norm(high - low) / 2.0
     assert fill == pytest.approx(FILL if (high > low).any() else 0.0)
-
-
-def test_the_lights_turn_with_the_view():
-    scene = box((2.0, 3.0, 4.0))
-    scene = replace(scene, camera=Camera.from_fov((10, 20, 90), (10, 20, 30), (0, 1, 0), 20.0, (80, 60)))
-    cameras = named_cameras(scene, VIEWS)
-    places = {"front": (10, 20, 60), "back": (10, 20, 0), "right": (40, 20, 30), "top": (10, 50, 30)}
-    for name, place in {**places, "camera": (10, 20, 60)}.items():
-        view = seen_by(scene, cameras[name])
-        assert view.camera is cameras[name]
-        np.testing.assert_allclose(view.lights[0].position, place, atol=1e-12)
-        assert seen_by(scene, cameras[name], fixed_lights=True).lights == scene.lights
-    assert seen_by(scene, scene.camera.with_resolution((7, 5))).lights == scene.lights
 
 
 # Moved by angles

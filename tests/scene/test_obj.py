@@ -249,6 +249,8 @@ def test_material_values_and_texture(tmp_path):
     assert (material.ks.tolist(), material.n, material.name) == ([0.125] * 3, 32.0, "m")
     assert material.texture.lookup == "standard"
     assert np.array_equal(material.texture.image, srgb_to_linear(pixels / 255).astype(np.float32))
+    own = load(tmp_path / "a.obj", texture=tmp_path / "maps" / "my image.png").meshes[0].material
+    assert np.array_equal(own.texture.image, material.texture.image)
     retextured = load(tmp_path / "a.obj", texture=pixels).meshes[0].material
     assert np.array_equal(retextured.texture.image, (pixels / 255).astype(np.float32))
     assert retextured.n == 32.0

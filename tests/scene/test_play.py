@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 from mesh_writers import bar, triangle
+from scene_files import ends_in_image
 
 import clshade
 from clshade.errors import InputError
 from clshade.scene.description import digest_of
 from clshade.scene.formats.load import load, load_animation
-from clshade.scene.geometry import camera_axes
 from clshade.scene.pose import POSED
 
 HALF = math.sqrt(0.5)
@@ -80,27 +80,16 @@ def test_refused(tmp_path, name, options, message):
     assert message in str(caught.value)
 
 
-def seen(camera, points) -> np.ndarray:
-    """Return where points lie in the image, (K, 2), -1 to 1 within it."""
-    right, up, forward = camera_axes(camera)
-    offset = points - camera.eye
-    plane = np.array(camera.plane[::-1]) / camera.focal / 2
-    return np.stack([offset @ right, offset @ up], axis=1) / (offset @ forward)[:, None] / plane
-
-
 def test_the_chosen_camera_shows_every_frame(tmp_path):
     path = flying().glb(tmp_path / "a.glb")
     played = load_animation(path, count=8)
     assert len({id(camera) for camera in played.cameras.values()}) == 1
-    peak = 0.0
-    for frame in played.poses:
-        for mesh in played.poses[frame].of(played.scene).meshes:
-            (matrix,) = mesh.instances
-            peak = max(peak, np.abs(seen(played.cameras[frame], mesh.verts @ matrix[:3, :3].T + matrix[:3, 3])).max())
+    poses = {frame: pose.of(played.scene).meshes for frame, pose in played.poses.items()}
+    peak = max(np.abs(ends_in_image(played.cameras[frame], meshes)).max() for frame, meshes in poses.items())
     assert 0.85 < peak < 0.9 + 1e-9
     assert [len(scene.meshes) for scene in (played.scene, played.stage)] == [2, 3]
-    alone = seen(load(path).camera, np.array([[35.0, 0.0, 0.0]]))
-    assert np.abs(alone).max() > 1.0  # that of the file at rest would not
+    early = load(path, time=0.1).meshes
+    assert np.abs(ends_in_image(load(path).camera, early)).max() > 1.0  # that of the file at rest would not
 
 
 def studio(folder, *, camera: bool = True, light: bool = True) -> str:

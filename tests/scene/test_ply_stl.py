@@ -83,14 +83,14 @@ def test_corners_keep_their_coordinates_and_faces_their_colors(tmp_path, form):
     for face, color in (([3, 4, 0, 1, 2], 188), ([2, 1, 0], 0)):
         uvs = [value for corner in face for value in DART[corner][:2]]
         rows.append((f"B{len(face)}iB{len(uvs)}f3B", [len(face), *face, len(uvs), *uvs, color, 255, color]))
-    Image.new("RGB", (3, 2)).save(tmp_path / "my image.png")
+    Image.new("RGB", (3, 2), (188, 188, 188)).save(tmp_path / "my image.png")
     (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
-    assert mesh.material.texture.image.shape == (2, 3, 3)
+    red = np.float32(srgb_to_linear(np.array(188 / 255)))
+    assert np.array_equal(mesh.material.texture.image, np.full((2, 3, 3), red))
     points, uvs = mesh.verts[mesh.faces], mesh.uvs[mesh.uv_faces]
     areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[:, 2] / 2
     assert (areas[:3].min() > 0, areas[:3].sum(), areas[3]) == (True, 10, -8)
     assert np.array_equal(np.stack([uvs[:, :, 0], 1 - uvs[:, :, 1]], 2), points[:, :, :2])
-    red = np.float32(srgb_to_linear(np.array(188 / 255)))
     assert mesh.colors[mesh.faces].tolist() == [[[red, 1, red]] * 3] * 3 + [[[0, 1, 0]] * 3]
     faces = [[DART.index(corner) for corner in face] for face in points.tolist()]
     smooth = geometry.vertex_normals(DART, faces)[faces]

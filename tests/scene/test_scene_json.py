@@ -16,7 +16,7 @@ import pytest
 from every_light import EVERY, default_of
 from mapped_scenes import mapped, normal_image
 from processes import python
-from scene_files import refusal, same, write
+from scene_files import REMOVED, change, refusal, same, write
 
 import clshade
 from clshade import Camera, Environment, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture
@@ -181,23 +181,14 @@ def test_options_of_loading(tmp_path):
 
 # Refusals
 
-REMOVED = object()
 MESH = ("scene", "meshes", 0)
 WIDE = {"type": "float64", "shape": [0, (1 << 30) - 1, (1 << 30) - 1], "offset": 0}
 
 
 def changed(path, *keys: Any, value: Any) -> str:
-    """Change one value of a scene file, or remove its key."""
     document = json.loads(path.read_text())
-    inner = document
-    for key in keys[:-1]:
-        inner = inner[key]
-    if value is REMOVED:
-        del inner[keys[-1]]
-    else:
-        inner[keys[-1]] = value
-    path.write_text(json.dumps(document))
-    return str(path)
+    change(document, keys, value)
+    return write(path, json.dumps(document))
 
 
 def arrays_of(path: Path) -> Path:

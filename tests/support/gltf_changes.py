@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 from mesh_writers import Gltf, pack_glb
-
-REMOVED = object()
+from scene_files import change
 
 
 def changed(document: Gltf, changes: dict[str, Any], path) -> str:
@@ -22,13 +21,6 @@ def changed(document: Gltf, changes: dict[str, Any], path) -> str:
             accessors[place] = document.accessor(value[0], **value[1])
     document.glb(path)
     for place, value in {**changes, **accessors}.items():
-        *keys, last = (int(key) if key.isdigit() else key for key in place.split("."))
-        target: Any = document.json
-        for key in keys:
-            target = target[key]
-        if value is REMOVED:
-            del target[last]
-        else:
-            target[last] = value
+        change(document.json, (int(key) if key.isdigit() else key for key in place.split(".")), value)
     path.write_bytes(pack_glb(json.dumps(document.json).encode(), document.data))
     return str(path)

@@ -49,6 +49,11 @@ class Gltf:
         parts = {"count": len(rows), "indices": indices, "values": {"bufferView": self.view(values.tobytes())}}
         return self.add("accessors", {"componentType": 5126, "type": "VEC3", "count": count, "sparse": parts})
 
+    def texture(self, pixels: np.ndarray) -> int:
+        """Add a texture with an image of its own."""
+        image = {"bufferView": self.view(png(pixels)), "mimeType": "image/png"}
+        return self.add("textures", {"source": self.add("images", image)})
+
     def mesh(self, attributes: dict[str, Any], indices: Any = None, **fields: Any) -> int:
         """Add a mesh of one primitive; arrays become accessors, integers are indices of accessors."""
         accessors = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items()}
@@ -171,8 +176,7 @@ def spheres(path) -> str:
         "TEXCOORD_0": document.accessor(uvs.astype(np.float32)),
     }
     pixels = np.random.default_rng(5).integers(0, 256, (4, 6, 3)).astype(np.uint8)
-    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
+    document.texture(pixels)
     for row, column in np.ndindex(2, 3):
         worn: dict[str, Any] = {"metallicFactor": float(row), "roughnessFactor": 0.1 + 0.4 * column}
         worn["baseColorFactor"] = [0.9, 0.6, 0.3, 1.0]
