@@ -47,12 +47,12 @@ def test_cubes_whole_open_with_a_fin_and_nothing(verts, faces, facts):
 
 
 def test_instances_and_meshes():
-    """Two cubes of sides 1 and 2 apart, the second one turned, and one that another mesh adds to the first."""
+    """A cube, a turned box of 1 x 2 x 3 apart from it, and a cube that another mesh adds to the first."""
     two = np.stack([np.eye(4), np.eye(4)])
-    two[1, :3, :3] = 2.0 * np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    two[1, :3, :3] = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0] * (1.0, 2.0, 3.0)
     two[1, 0, 3] = 9.0
     facts = surface_facts(scene_of(Mesh(CUBE, FACES, instances=two), Mesh(CUBE + (1.0, 0.0, 0.0), FACES)))
-    assert facts.area == pytest.approx(6.0 + 24.0 + 6.0)
+    assert facts.area == pytest.approx(6.0 + 22.0 + 6.0)
     assert (facts.vertices, facts.triangles, facts.positions, facts.shapes) == (24, 36, 20, 2)
     assert (facts.boundary_edges, facts.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
 
