@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_changes import changed
-from mesh_writers import CORNERS, INDICES, Gltf, bar, pack_glb, triangle
-from scene_files import REMOVED, refusal, write
+from mesh_writers import CORNERS, INDICES, REMOVED, Gltf, bar, changed, pack_glb, triangle
+from scene_files import refusal, write
 
 from clshade import load
 

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from gltf_changes import changed
-from mesh_writers import CORNERS, INDICES, Gltf, bar, triangle
-from scene_files import REMOVED, corners_in_world, scene_and_warnings
+from mesh_writers import CORNERS, INDICES, REMOVED, Gltf, bar, changed, triangle
+from scene_files import corners_in_world, scene_and_warnings
 
 from clshade.scene.formats.gltf_meshes import Influences, deform
 from clshade.scene.formats.load import load

@@ -1,21 +1,29 @@
-"""Limits of files: values at a limit are accepted, values one beyond it refused in one line."""
+"""Limits of files: values at a limit are accepted, those one beyond it refused; the work grows with the number of meshes."""
 
 from __future__ import annotations
 
 import os
 import struct
+import sys
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import pytest
-from mesh_writers import ply, triangle
+from mesh_writers import CORNERS, INDICES, Gltf, ply, triangle
 from scene_files import npy_of_pickle, refusal
 
 from clshade import load
 from clshade.base import input_files
 from clshade.errors import InputError
 from clshade.images.decode import read_image
+from clshade.pipeline.scene_tables import pack
+from clshade.scene.contents import format_contents, scene_contents
+from clshade.scene.description import part_digests
 from clshade.scene.formats import gltf_nodes, safe_pickle
 from clshade.scene.formats.gltf_data import GltfData
+from clshade.scene.ground import with_ground
+from clshade.scene.model import Settings
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.json", "a.mtl", "a.png"])
@@ -100,3 +108,74 @@ def test_numbers_in_lists_of_course_files(monkeypatch):
     assert safe_pickle.Content({"n": [1.0] * 7}, "a.npy", 100).value("n").shape == (7,)  # the list itself counts as one
     with pytest.raises(InputError, match="too long"):
         safe_pickle.Content({"n": [1.0] * 8}, "a.npy", 100).value("n")
+
+
+# Thousands of meshes, materials or nodes: steps of the interpreter
+
+
+def obj(path: Path, count: int, lines: Callable[[int], str]) -> Path:
+    path.with_suffix(".mtl").write_text("".join(f"newmtl m{k}\nKd 0.{k + 1} 0 0\n" for k in range(count)))
+    faces = (f"v {k} 0 0\nv {k} 1 0\nv {k} 0 1\n{lines(k)}\nf -3 -2 -1\n" for k in range(count))
+    path.write_text(f"mtllib {path.stem}.mtl\n" + "".join(faces))
+    return path
+
+
+def glb(path: Path, count: int, kind: str) -> Path:
+    document, nodes = Gltf(), kind == "nodes"
+    for k in range(1 if nodes else count):
+        document.mesh({"POSITION": CORNERS}, INDICES, material=document.add("materials", {"name": f"m{k}"}))
+    document.json["meshes"] = [{"primitives": [mesh["primitives"][0] for mesh in document.json["meshes"]]}]
+    for k in range(count if nodes else 1):
+        document.add("nodes", {"mesh": 0, "name": f"n{k}", "translation": [k, 0, 0]})
+    return document.glb(path)
+
+
+FILES: dict[str, tuple[int, Callable[[Path, int], Path]]] = {  # and steps for a mesh, with its material, at most
+    "runs.obj": (6000, lambda path, count: obj(path, count, lambda k: f"usemtl m{k % 2}")),
+    "materials.obj": (12000, lambda path, count: obj(path, count, "usemtl m{}".format)),
+    "nodes.glb": (2500, lambda path, count: glb(path, count, "nodes")),
+    "primitives.glb": (19000, lambda path, count: glb(path, count, "primitives")),
+}
+
+
+def steps(work: Callable[[], object]) -> int:
+    """Return how many instructions the interpreter takes: those of loops in one line too."""
+    count = 0
+
+    def seen(frame, event, argument):
+        nonlocal count
+        frame.f_trace_lines, frame.f_trace_opcodes = False, True
+        count += event == "opcode"
+        return seen
+
+    before = sys.gettrace()
+    sys.settrace(seen)
+    try:
+        work()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+def host_work(path: Path) -> None:
+    """Do what `inspect` and `render` do besides drawing."""
+    scene = load(path)
+    format_contents(scene_contents(scene))
+    scene = with_ground(scene)
+    part_digests(scene)
+    pack(scene, Settings.from_preset("standard", layers=("object_id", "instance_id")))
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("name", FILES)
+def test_all_meshes_cost_alike_and_little(name, tmp_path):
+    limit, write = FILES[name]
+
+    def measured(count: int) -> int:
+        path = write(tmp_path / name, count)
+        return steps(lambda: host_work(path))
+
+    measured(2)  # what is done once
+    first, second, third = map(measured, (20, 40, 60))
+    assert third - second <= 1.01 * (second - first)
+    assert second - first <= 20 * limit

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from every_light import EVERY, default_of
 from mapped_scenes import mapped, normal_image
+from mesh_writers import REMOVED, change
 from processes import python
-from scene_files import REMOVED, change, refusal, same, write
+from scene_files import refusal, same, write
 
 import clshade
 from clshade import Camera, Environment, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import struct
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ _COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 INDICES = np.array([0, 1, 2], np.uint16)
+REMOVED = object()
 
 
 class Gltf:
@@ -90,6 +92,33 @@ class Gltf:
         self.json["buffers"] = [{"byteLength": len(self.data), "uri": uri or encoded}]
         path.write_text(json.dumps(self.json))
         return str(path)
+
+
+def change(document: Any, keys: Iterable[Any], value: Any) -> None:
+    """Change one value of a document of JSON, or remove its key."""
+    *outer, last = keys
+    for key in outer:
+        document = document[key]
+    if value is REMOVED:
+        del document[last]
+    else:
+        document[last] = value
+
+
+def changed(document: Gltf, changes: dict[str, Any], path) -> str:
+    """Write a document of which values were changed by their places, with dots between keys. Arrays become accessors, as do
+    pairs of an array and fields of its accessor."""
+    accessors = {}
+    for place, value in changes.items():
+        if isinstance(value, np.ndarray):
+            accessors[place] = document.accessor(value)
+        elif isinstance(value, tuple):
+            accessors[place] = document.accessor(value[0], **value[1])
+    document.glb(path)
+    for place, value in {**changes, **accessors}.items():
+        change(document.json, (int(key) if key.isdigit() else key for key in place.split(".")), value)
+    path.write_bytes(pack_glb(json.dumps(document.json).encode(), document.data))
+    return str(path)
 
 
 def pack_glb(text: bytes, binary: bytes | None) -> bytes:

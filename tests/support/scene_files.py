@@ -123,20 +123,6 @@ def refusal(path, *parts: str, **options: Any) -> str:
     return text
 
 
-REMOVED = object()
-
-
-def change(document: Any, keys: Iterable[Any], value: Any) -> None:
-    """Change one value of a document of JSON, or remove its key."""
-    *outer, last = keys
-    for key in outer:
-        document = document[key]
-    if value is REMOVED:
-        del document[last]
-    else:
-        document[last] = value
-
-
 def chunk(kind: bytes, data: bytes) -> bytes:
     """Return a chunk of a PNG file."""
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
