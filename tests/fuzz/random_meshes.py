@@ -153,9 +153,8 @@ def _sheet(rng: Random, _: Camera) -> Shape:
     line = np.linspace(-1.0, 1.0, cells + 1)
     x, y = (a.ravel() for a in np.meshgrid(line, line))
     verts = np.stack([x, y, rng.uniform(-0.5, 0.5) * np.sin(2 * x * y) + 0.05 * rng.normal(size=len(x))], axis=1)
-    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
-    a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1, 1)
+    faces = np.concatenate([corner + [0, 1, cells + 2], corner + [0, cells + 2, cells + 1]])
     turned = rng.random(len(faces)) < 0.1
     faces[turned] = faces[turned][:, [0, 2, 1]]
     return verts, faces

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from mesh_writers import Gltf, bar, pack_glb, ply, stl, stl_text
+from mesh_writers import Gltf, bar, pack_glb, ply, properties, stl, stl_text
 from PIL import Image
 from scene_files import course_dict, png16, transposed
 
@@ -139,11 +139,8 @@ def _obj() -> list[Sample]:
     ]
 
 
-_VERTICES = "element vertex 4\n" + "".join(
-    f"property {kind} {name}\n"
-    for kind, names in (("float", "x y z"), ("double", "nx ny nz"), ("uchar", "red green blue"))
-    for name in names.split()
-)
+_VERTICES = "element vertex 4\n" + properties("float", "x y z") + properties("double", "nx ny nz")
+_VERTICES += properties("uchar", "red green blue")
 _FACES = """element face 2
 property list uchar int vertex_indices
 property list uchar float texcoord

@@ -116,8 +116,7 @@ def test_a_fitted_camera_is_fitted_again_unless_it_is_placed():
 
 
 def test_fit_ignores_the_camera_of_a_file(tmp_path):
-    document = triangle()
-    document.add("nodes", {"mesh": 0})
+    document = triangle({"mesh": 0})
     document.add("nodes", {"camera": 0, "translation": [50, 2, 9]})
     document.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.1}})
     path = document.glb(tmp_path / "a.glb")

@@ -192,9 +192,6 @@ def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
     assert second.scalars["height"].tolist() == CORNERS[:, 2].tolist()
 
 
-# Objects known by their attributes
-
-
 def test_open3d():
     colors = RNG.random((4, 3))
     empty = np.zeros((0, 3))
@@ -229,9 +226,6 @@ def test_pyvista():
             Scene.from_trimesh(source)
 
 
-# Refused
-
-
 def test_refused(trimesh):
     several = trimesh.visual.material.MultiMaterial()
     several = plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=several))
@@ -257,9 +251,6 @@ def test_no_other_library_is_imported():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
-
-
-# Mesh(vertices=...)
 
 
 def test_vertices_is_another_name_of_verts():

@@ -156,8 +156,7 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
 
 def seen_by(folder, *cameras, **node) -> str:
     """Write a triangle and a node with each camera, (kind, its fields)."""
-    document = triangle()
-    document.add("nodes", {"mesh": 0})
+    document = triangle({"mesh": 0})
     for kind, lens in cameras:
         camera = document.add("cameras", {"type": kind, kind: lens})
         document.add("nodes", {"camera": camera, **({"translation": [1, 2, 9]} | node)})
@@ -218,8 +217,7 @@ def test_what_is_up_for_a_camera_that_looks_down(tmp_path, roll):
 
 def lit_by(tmp_path, *lights):
     """Write the triangle (0, 0, 0) (1, 0, 0) (0, 1, 0), whose center is (0.5, 0.5, 0), lit by these (light, node)."""
-    document = triangle()
-    document.add("nodes", {"mesh": 0})
+    document = triangle({"mesh": 0})
     for index, (_, node) in enumerate(lights):
         document.add("nodes", {**node, "extensions": {"KHR_lights_punctual": {"light": index}}})
     document.json["extensions"] = {"KHR_lights_punctual": {"lights": [light for light, _ in lights]}}

@@ -9,16 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, REMOVED, Gltf, bar, changed, pack_glb, triangle
+from mesh_writers import CORNERS, INDICES, PLACES, REMOVED, TIMES, UP, Gltf, bar, changed, pack_glb, triangle
 from scene_files import refusal, write
 
 from clshade import load
 
 # Documents that are sound before they are changed
-
-TIMES = np.array([0.5, 1.0, 3.0], np.float32)
-PLACES = np.array([[1, 0, 0], [3, -2, 5], [-1, 4, 5]], np.float32)
-UP = np.float32([[0, 0, 1]] * 3)
 
 
 def placed() -> Gltf:

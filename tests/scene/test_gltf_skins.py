@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, REMOVED, Gltf, bar, changed, triangle
+from mesh_writers import CORNERS, INDICES, REMOVED, UP, Gltf, bar, changed, triangle
 from scene_files import corners_in_world, scene_and_warnings
 
 from clshade.scene.formats.gltf_meshes import Influences, deform
@@ -163,8 +163,7 @@ def test_bars_of_one_mesh_with_skins_of_their_own_or_none(tmp_path):
     with pytest.warns(UserWarning, match="not rendered: joints of meshes without a skin$"):
         corners = corners_in_world(load(document.glb(tmp_path / "a.glb")).meshes)
     assert corners[::4, 0].tolist() == np.float32([[-0.1, 0, 0], [8.9, 0, 0], [-0.1, 0, 4]]).tolist()
-    document = triangle()
-    document.add("nodes", {"mesh": 0, "skin": 0, "translation": [50, 60, 70]})
+    document = triangle({"mesh": 0, "skin": 0, "translation": [50, 60, 70]})
     document.add("skins", {"joints": [0]})
     with pytest.warns(UserWarning, match="not rendered: skins of meshes without joints$"):
         (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
@@ -183,7 +182,6 @@ def morphed(*targets) -> Gltf:
     return document
 
 
-UP = np.float32([[0, 0, 1]] * 3)
 WIDE = np.float32([[0, 0, 0], [2, 0, 0], [0, 0, 0]])
 
 

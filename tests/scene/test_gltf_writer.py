@@ -387,8 +387,6 @@ def test_what_the_file_cannot_say_is_told_once(tmp_path):
     assert back.lights[-1].outer_cone == 90.0
 
 
-# Refusals
-
 FAR = np.diag([1e200, 1e200, 1e200, 1.0])[None]
 
 

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from mesh_writers import CORNERS, INDICES, Gltf, ply, triangle
+from mesh_writers import CORNERS, INDICES, Gltf, ply, properties, triangle
 from scene_files import npy_of_pickle, refusal
 
 from clshade import load
@@ -75,11 +75,12 @@ def test_nodes_of_gltf_files(tmp_path, monkeypatch):
 
 def test_headers_and_lists_of_ply_files(tmp_path):
     """end_header begins within the first 2^16 bytes; an element has at most 8 lists."""
-    points = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     rows = [("3f", corner) for corner in ([0, 0, 0], [1, 0, 0], [0, 1, 0])]
 
     def written(lists: int, padding: int = 0) -> str:
-        head = points + "element face 1\nproperty list uchar int vertex_indices\n"
+        head = (
+            f"element vertex 3\n{properties('float', 'x y z')}element face 1\nproperty list uchar int vertex_indices\n"
+        )
         head += "".join(f"property list uchar uchar l{k}\n" for k in range(lists - 1)) + f"comment {padding * 'c'}\n"
         data = ply("binary_little_endian", head, [*rows, ("B3i" + "B" * (lists - 1), [3, 0, 1, 2, *[0] * (lists - 1)])])
         (tmp_path / "a.ply").write_bytes(data)

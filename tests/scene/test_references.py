@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, Gltf, ply, png
+from mesh_writers import CORNERS, INDICES, UVS, Gltf, ply, png, properties
 from scene_files import TRIANGLE, png_header, refusal, scene_and_warnings, write
 
 from clshade import load
@@ -18,7 +18,6 @@ from clshade.base import input_files
 from clshade.scene.formats import reading
 
 PNG = png(np.zeros((2, 3, 3), np.uint8))
-UVS = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 ENDINGS = ("obj", "gltf", "ply")
 FOREIGN = [
     *("/srv/a.png", "../a.png", "sub/../../a.png", "sub/a.png", "file:///srv/a.png", "http://localhost/a.png"),
@@ -33,8 +32,7 @@ def textured(folder, ending: str, *references: str) -> str:
         write(folder / "a.mtl", "".join(f"newmtl m{k}\nmap_Kd {name}\n" for k, name in enumerate(references)))
         return write(folder / "a.obj", text + "".join(f"usemtl m{k}\nf 1/1 2/2 3/3\n" for k in range(len(references))))
     if ending == "ply":
-        header = f"comment TextureFile {references[0]}\nelement vertex 3\n"
-        header += "".join(f"property float {name}\n" for name in "xyzuv")
+        header = f"comment TextureFile {references[0]}\nelement vertex 3\n{properties('float', 'x y z u v')}"
         header += "element face 1\nproperty list uchar int vertex_indices\n"
         rows = [("5f", [*corner, *uv]) for corner, uv in zip(CORNERS, UVS, strict=True)]
         return write(folder / "a.ply", ply("ascii", header, [*rows, ("B3i", [3, 0, 1, 2])]))

@@ -16,6 +16,9 @@ _COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 INDICES = np.array([0, 1, 2], np.uint16)
+UP, UVS = np.float32([[0, 0, 1]] * 3), np.float32([[0, 0], [1, 0], [0, 1]])
+TIMES = np.array([0.5, 1.0, 3.0], np.float32)
+PLACES = np.array([[1, 0, 0], [3, -2, 5], [-1, 4, 5]], np.float32)  # at these times
 REMOVED = object()
 
 
@@ -130,10 +133,12 @@ def pack_glb(text: bytes, binary: bytes | None) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
-def triangle(**fields: Any) -> Gltf:
-    """Return a document of one triangle, without nodes."""
+def triangle(node: dict[str, Any] | None = None, **fields: Any) -> Gltf:
+    """Return a document of one triangle, with one node or none. fields: of its primitive."""
     document = Gltf()
     document.mesh({"POSITION": CORNERS}, INDICES, **fields)
+    if node is not None:
+        document.add("nodes", node)
     return document
 
 
@@ -163,6 +168,10 @@ def png(pixels: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG")
     return buffer.getvalue()
+
+
+def properties(kind: str, names: str) -> str:
+    return "".join(f"property {kind} {name}\n" for name in names.split())
 
 
 def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:

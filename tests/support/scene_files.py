@@ -7,7 +7,7 @@ import pickle
 import struct
 import warnings
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -112,10 +112,10 @@ def ends_in_image(camera: Camera, meshes: Iterable[Mesh]) -> np.ndarray:
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
-def refusal(path, *parts: str, **options: Any) -> str:
+def refusal(path, *parts: str, read: Callable[..., Any] = load, **options: Any) -> str:
     """Return the message that refuses a file: one line that contains the file's name and the given parts."""
     with pytest.raises(InputError) as caught:
-        load(path, **options)
+        read(path, **options)
     text = str(caught.value)
     assert text.isprintable()
     for part in (*parts, "expected", "found"):
