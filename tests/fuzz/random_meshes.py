@@ -4,10 +4,11 @@ placements and scalars."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from random_kinds import Kind, Random
+from random_kinds import Kind, Random, is_wanted
 
 from clshade.base.arrays import Array
 from clshade.scene.camera import Camera
@@ -22,10 +23,7 @@ def random_mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_o
     verts, faces = shape
     beyond = len(verts) + 3
     fields: dict[str, Any] = {}
-
-    def wanted(share: float) -> bool:
-        return all_of_it or bool(rng.random() < share)
-
+    wanted = partial(is_wanted, rng, always=all_of_it)
     if kind.colored and rng.random() < 0.7:
         maximum = 1.0 if kind.dim else rng.choice((1.0, 1.0, 1.0, 10.0))
         fields["colors"] = maximum * rng.uniform(0, 1, (len(verts), 3))

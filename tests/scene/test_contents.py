@@ -24,13 +24,6 @@ from clshade.scene.texture import Texture
 CUBE = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 FACES = np.array([triangle for a, b, c, d in SIDES for triangle in ((a, b, c), (a, c, d))])
-CAMERA = clshade.Camera.from_fov((0, 0, 9), (0, 0, 0), (0, 1, 0), 40.0)
-
-
-def scene_of(*meshes):
-    return Scene(meshes, CAMERA)
-
-
 FIN = np.concatenate([CUBE, [(0.0, 0.5, -1.0)]])
 
 
@@ -47,7 +40,7 @@ FIN = np.concatenate([CUBE, [(0.0, 0.5, -1.0)]])
     ],
 )
 def test_cubes_whole_open_with_a_fin_and_nothing(verts, faces, facts):
-    surface = surface_facts(scene_of(Mesh(verts, faces)))
+    surface = surface_facts(Scene(Mesh(verts, faces)))
     assert surface == SurfaceFacts(*facts)
     assert surface.closed is (facts[2] == 6.0)
     assert isinstance(surface.area, float)
@@ -58,7 +51,7 @@ def test_instances_and_meshes():
     two = np.stack([np.eye(4), np.eye(4)])
     two[1, :3, :3] = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0] * (1.0, 2.0, 3.0)
     two[1, 0, 3] = 9.0
-    facts = surface_facts(scene_of(Mesh(CUBE, FACES, instances=two), Mesh(CUBE + (1.0, 0.0, 0.0), FACES)))
+    facts = surface_facts(Scene((Mesh(CUBE, FACES, instances=two), Mesh(CUBE + (1.0, 0.0, 0.0), FACES))))
     assert facts.area == pytest.approx(6.0 + 22.0 + 6.0)
     assert (facts.vertices, facts.triangles, facts.positions, facts.shapes) == (24, 36, 20, 2)
     assert (facts.boundary_edges, facts.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
@@ -66,7 +59,7 @@ def test_instances_and_meshes():
 
 def test_edges_of_large_scenes_are_not_counted(monkeypatch):
     monkeypatch.setattr(module, "MAX_COUNTED_FACES", 11)
-    facts = surface_facts(scene_of(Mesh(CUBE, FACES)))
+    facts = surface_facts(Scene(Mesh(CUBE, FACES)))
     assert facts == SurfaceFacts(8, 12, 6.0)
     assert facts.closed is None
 

@@ -268,13 +268,11 @@ def test_vertices_is_another_name_of_verts():
         Mesh(faces=FACES)
 
 
-BLOCK = re.compile(r"^```py\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-
-
 def test_what_the_page_for_its_users_names_exists(trimesh):
     """COMING_FROM.md, of which tests/test_readme.py runs our parts."""
     text = (ROOT / "clshade" / "scene" / "COMING_FROM.md").read_text()
-    nodes = [node for block in BLOCK.findall(text) for node in ast.walk(ast.parse(block))]
+    blocks = re.findall(r"^```py\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    nodes = [node for block in blocks for node in ast.walk(ast.parse(block))]
     chains = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
     named = {chain for chain in chains if re.fullmatch(r"trimesh(\.\w+)+", chain)}
     assert len(named) > 10

@@ -22,10 +22,6 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float
 OUTWARD = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
 
 
-def scene(*meshes) -> Scene:
-    return Scene(meshes, Camera((0, 0, 9), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0)))
-
-
 def test_a_face_counts_by_its_area():
     # At vertex 0: a face of twice the area in the xy plane and one in the yz plane: (1, 0, 2) / sqrt(5).
     verts = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1]], float)
@@ -96,11 +92,11 @@ def test_bounds_of_what_faces_use_in_every_place():
     twice[:3] *= 2
     twice[:3, 3] = [10, 0, -1]
     mesh = Mesh(verts, [[0, 1, 2]])
-    low, high = geometry.bounding_box(scene(mesh))
+    low, high = geometry.bounding_box(Scene(mesh))
     assert (low.tolist(), high.tolist()) == ([0, 0, 0], [2, 3, 6])
-    assert geometry.half_diagonal(*geometry.bounding_box(scene(mesh))) == 3.5
+    assert geometry.half_diagonal(low, high) == 3.5
     placed = Mesh(verts, [[0, 1, 2]], instances=np.stack([np.eye(4), twice]))
-    low, high = geometry.bounding_box(scene(mesh, placed))
+    low, high = geometry.bounding_box(Scene((mesh, placed)))
     assert (low.tolist(), high.tolist()) == ([0, 0, -1], [14, 6, 11])
 
 

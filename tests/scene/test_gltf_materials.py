@@ -204,14 +204,13 @@ def test_tangents_without_normals_do_not_count(tmp_path):
     assert loaded(tmp_path, attributes, normalTexture={"index": 0}).tangents is None
 
 
-FACTOR = "pbrMetallicRoughness"
 LARGEST = float(np.finfo(np.float32).max)
 
 
 @pytest.mark.parametrize(
     ("material", "field", "name", "clamped"),
     [
-        ({FACTOR: {"metallicFactor": 7.0}}, "metallicFactor", "metallic", 1.0),
+        ({"pbrMetallicRoughness": {"metallicFactor": 7.0}}, "metallicFactor", "metallic", 1.0),
         ({"normalTexture": {"index": 0, "scale": -1e30}}, "normalTexture.scale", "normal_scale", -1e6),
         ({"occlusionTexture": {"index": 0, "strength": 7}}, "occlusionTexture.strength", "occlusion_strength", 1.0),
         ({"emissiveFactor": [-1, 2, 0]}, "emissiveFactor", "emission", [0, 2, 0]),

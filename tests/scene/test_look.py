@@ -161,8 +161,7 @@ def test_texture_coordinates_without_a_meaning_do_no_harm(u):
 
 # Grounds
 
-SOLID = clshade.builtin("icosphere", level=1)
-SCENE = framed(SOLID.meshes, "solid", (60, 40))
+SCENE = framed(clshade.builtin("icosphere", level=1).meshes, "solid", (60, 40))
 
 
 @pytest.mark.parametrize("up", UPS)

@@ -21,11 +21,6 @@ from clshade.scene.framing import AMBIENT
 from clshade.scene.triangulate import triangulated
 
 
-def corners(text: str) -> list:
-    """Return the parser's v/vt/vn of the corners by face."""
-    return ObjText(text.encode(), "x.obj").indices.tolist()
-
-
 def test_positions_uvs_and_normals_keep_their_own_indices(tmp_path):
     text = TRIANGLE + "vt 0 0\nvt 0.25 1\nvn 0 0 2\nf 1/2/1 2/1/1 3/2/1\n"
     scene, messages = scene_and_warnings(write(tmp_path / "a.obj", text))
@@ -52,7 +47,7 @@ def test_faces_as_written():
         ("f 1 2 2 3\nf 1 1 1", [plain[:2] + plain[1:2], plain, plain[:1] * 3]),
         (f"f 1 2 3\n{TRIANGLE}f -3 -2 -1", [plain, [[3, -1, -1], [4, -1, -1], [5, -1, -1]]]),
     ):
-        assert corners(text + face) == expected, face
+        assert ObjText((text + face).encode(), "x.obj").indices.tolist() == expected, face
 
 
 @pytest.mark.parametrize(

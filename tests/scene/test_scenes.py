@@ -13,14 +13,13 @@ import clshade.scene.builtin.teapot as newell
 from clshade.scene.builtin import scenes
 from clshade.scene.model import Scene
 
-SMALL = {"resolution": (64, 48)}
 FIELDS = ("verts", "faces", "colors", "normals", "normal_faces", "uvs", "uv_faces", "instances")
 
 
 @pytest.mark.parametrize("name", scenes.BUILTINS)
 def test_every_scene(name):
     """Its names, the same bits from the same call, faces with area, normals of length 1 that agree with the winding."""
-    scene, second = (scenes.builtin(name, **SMALL) for _ in range(2))
+    scene, second = (scenes.builtin(name, resolution=(64, 48)) for _ in range(2))
     assert isinstance(scene, Scene)
     assert (scene.name, scene.camera.resolution) == (name, (64, 48))
     assert scene.lights
