@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mesh_writers import triangle
-from scene_files import ends_in_image
+from scene_files import ends_in_image, same
 
 import clshade
 from clshade import Camera, Mesh, Scene
@@ -126,18 +126,13 @@ def test_fit_ignores_the_camera_of_a_file(tmp_path):
     assert ends_in_image(scene.camera, scene.meshes)[1].max() == pytest.approx(FILL, rel=1e-6)
 
 
-def same_camera(one, second):
-    fields = [[getattr(camera, name) for name in vars(camera)] for camera in (one, second)]
-    return all(map(np.array_equal, *fields))
-
-
 def test_scenes_without_a_camera_get_the_one_of_files():
     teapot = clshade.builtin("teapot").meshes
     scene = Scene(teapot)
     assert scene.fitted
-    assert same_camera(scene.camera, default_camera(teapot))
+    assert same(scene.camera, default_camera(teapot))
     assert Scene(teapot, scene.camera).fitted is False
-    assert same_camera(Scene(teapot, None).camera, scene.camera)
+    assert same(Scene(teapot, None).camera, scene.camera)
     assert replace(scene, name="a").fitted
 
 

@@ -207,11 +207,11 @@ def assert_as_reference(verts, faces, normals, uvs):
     return tangents
 
 
-def grid(rows, columns, height=0.3, seed=0):
+def grid(rows, columns, seed=0):
     """Return a bumpy surface: vertices, faces, normals, texture coordinates."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
-    verts = np.stack([x, y, height * rng.random((rows, columns))], -1).reshape(-1, 3)
+    verts = np.stack([x, y, 0.3 * rng.random((rows, columns))], -1).reshape(-1, 3)
     corner = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].reshape(-1, 1)
     faces = np.concatenate([corner + [0, 1, columns + 1], corner + [0, columns + 1, columns]]).astype(np.int32)
     return verts, faces, vertex_normals(verts, faces), np.stack([x, 1 - y], -1).reshape(-1, 2)

@@ -235,19 +235,15 @@ def test_the_chosen_camera_shows_every_frame(tmp_path):
     assert np.abs(ends_in_image(load(path).camera, early)).max() > 1.0  # that of the file at rest would not
 
 
-def studio(folder, *, camera: bool = True, light: bool = True) -> str:
+def studio(folder) -> str:
     """Write the flying triangles with a camera and a lamp, which fly along."""
     document = flying()
-    document.json["nodes"][0]["children"] = []
-    if camera:
-        document.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
-        children = document.json["nodes"][0]["children"]
-        children.append(document.add("nodes", {"camera": 0, "translation": [0, 0, 9]}))
-    if light:
-        document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 50}]}}
-        document.json["extensionsUsed"] = ["KHR_lights_punctual"]
-        lamp = {"translation": [0, 0, 2], "extensions": {"KHR_lights_punctual": {"light": 0}}}
-        document.json["nodes"][0]["children"].append(document.add("nodes", lamp))
+    document.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
+    document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 50}]}}
+    document.json["extensionsUsed"] = ["KHR_lights_punctual"]
+    lamp = {"translation": [0, 0, 2], "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    along = [document.add("nodes", node) for node in ({"camera": 0, "translation": [0, 0, 9]}, lamp)]
+    document.json["nodes"][0]["children"] = along
     return document.glb(folder / "studio.glb")
 
 

@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import json
 import os
-import shutil
 import signal
 from pathlib import Path
 from typing import Any
@@ -197,17 +196,11 @@ def arrays_of(path: Path) -> Path:
     return path.with_name(json.loads(path.read_text())["arrays"]["file"])
 
 
-@pytest.fixture(scope="module")
-def folder_of_full_scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("saved")
-    full_scene().to_json(folder / "a.json")
-    return folder
-
-
 @pytest.fixture
-def saved(folder_of_full_scene, tmp_path):
+def saved(tmp_path):
     """Return the path of a scene file with all that a scene may hold."""
-    return Path(shutil.copytree(folder_of_full_scene, tmp_path, dirs_exist_ok=True)) / "a.json"
+    full_scene().to_json(tmp_path / "a.json")
+    return tmp_path / "a.json"
 
 
 @pytest.mark.parametrize("value", [REMOVED, None])

@@ -56,15 +56,15 @@ def assert_edges_are_met(count: int, triangles) -> None:
     assert all(edges[b, a] == number for (a, b), number in list(edges.items()))
 
 
-def assert_cut(verts, *, exact: float = 1e-12) -> np.ndarray:
+def assert_cut(verts) -> np.ndarray:
     """Triangulate a simple planar polygon, and assert that the triangles fill it without flips or overlaps."""
     verts = np.asarray(verts, np.float64)
     triangles = cut_one(verts)
     area = newell(verts)
     size = math.sqrt(area @ area)
     along = vector_areas(verts, triangles) @ (area / size)
-    assert along.sum() == pytest.approx(size, rel=exact)
-    assert along.min() >= -exact * size
+    assert along.sum() == pytest.approx(size, rel=1e-12)
+    assert along.min() >= -1e-12 * size
     assert_edges_are_met(len(verts), triangles)
     return triangles
 
