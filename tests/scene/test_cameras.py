@@ -163,9 +163,7 @@ def test_where_the_eye_is(up, eyes):
     assert all(camera.orthographic and (camera.lookat == (10, 20, 30)).all() for camera in cameras.values())
     upward = camera_axes(cameras["front"])[1]
     assert upward.round(12).tolist() == np.sign(np.round(up)).tolist()
-    assert (
-        up_of(Camera.from_fov((5, 6, 7), (0, 0, 0), upward, 30.0)) == "-" * (min(up) < 0) + "xyz"[np.argmax(np.abs(up))]
-    )
+    assert up_of(Camera.from_fov((5, 6, 7), [0] * 3, upward, 30)) == "-" * (min(up) < 0) + "xyz"[np.argmax(np.abs(up))]
 
 
 @pytest.mark.parametrize("size", [(2, 3, 4), (100, 1, 0.01), (0, 5, 0), (0, 0, 0), (1e-30, 1e-30, 0)])

@@ -1,4 +1,4 @@
-"""Course .npy files: layouts, options, writing them back, and pickles designed to take long. Refusals: test_refused_files.py."""
+"""Course .npy files: layouts, options, writing back, and pickles designed to take long. Refusals: test_refused_files.py."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, PLACES, TIMES, Gltf, bar, triangle
+from mesh_writers import CORNERS, INDICES, PLACES, TIMES, Gltf, bar, cubic, triangle
 from scene_files import ends_in_image, refusal
 
 import clshade
@@ -54,13 +54,7 @@ def test_cubic_splines(tmp_path):
     path = animated((0, "translation", TIMES, rows, "CUBICSPLINE")).glb(tmp_path / "a.glb")
     for k, t in ((0, 0.25), (1, 0.6)):
         step = float(TIMES[k + 1] - TIMES[k])
-        # The specification's sum, appendix C.5, in another order.
-        expected = (
-            (2 * t**3 - 3 * t**2 + 1) * PLACES[k].astype(float)
-            + step * (t**3 - 2 * t**2 + t) * leaving[k]
-            + (-2 * t**3 + 3 * t**2) * PLACES[k + 1]
-            + step * (t**3 - t**2) * arriving[k + 1]
-        )
+        expected = cubic(t, step, PLACES[k].astype(float), leaving[k], PLACES[k + 1], arriving[k + 1])
         time = float(np.float32(TIMES[k] + t * step))
         np.testing.assert_allclose(instance(path, time=time)[:3, 3], expected, rtol=1e-6)
     for time, place in ((0, 0), (0.5, 0), (1, 1), (3, 2), (8, 2)):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, REMOVED, UP, Gltf, bar, changed, triangle
+from mesh_writers import CORNERS, INDICES, REMOVED, UP, Gltf, bar, changed, cubic, triangle
 from scene_files import corners_in_world, scene_and_warnings
 
 from clshade.scene.formats.gltf_meshes import Influences, deform
@@ -190,13 +190,7 @@ def test_animated_weights(tmp_path):
     rows = np.stack([slopes, keys, slopes], axis=1)
     document.animation((0, "weights", np.float32([0, 2]), rows.ravel(), "CUBICSPLINE"))
     (mesh,) = load(document.glb(tmp_path / "a.glb"), time=0.5).meshes
-    t = 0.25
-    first, second = (
-        (2 * t**3 - 3 * t**2 + 1) * keys[0]
-        + 2 * (t**3 - 2 * t**2 + t) * slopes[0]
-        + (3 * t**2 - 2 * t**3) * keys[1]
-        + 2 * (t**3 - t**2) * slopes[1]
-    )
+    first, second = cubic(0.25, 2.0, keys[0], slopes[0], keys[1], slopes[1])
     np.testing.assert_allclose(mesh.verts, CORNERS + first * UP + second * WIDE, atol=1e-7)
 
 

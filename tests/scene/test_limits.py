@@ -78,9 +78,8 @@ def test_headers_and_lists_of_ply_files(tmp_path):
     rows = [("3f", corner) for corner in ([0, 0, 0], [1, 0, 0], [0, 1, 0])]
 
     def written(lists: int, padding: int = 0) -> str:
-        head = (
-            f"element vertex 3\n{properties('float', 'x y z')}element face 1\nproperty list uchar int vertex_indices\n"
-        )
+        head = f"element vertex 3\n{properties('float', 'x y z')}"
+        head += "element face 1\nproperty list uchar int vertex_indices\n"
         head += "".join(f"property list uchar uchar l{k}\n" for k in range(lists - 1)) + f"comment {padding * 'c'}\n"
         data = ply("binary_little_endian", head, [*rows, ("B3i" + "B" * (lists - 1), [3, 0, 1, 2, *[0] * (lists - 1)])])
         (tmp_path / "a.ply").write_bytes(data)

@@ -226,10 +226,8 @@ def test_unlit_materials_leave_it_the_studio_alone():
 
 
 def test_the_command_line(capsys):
-    alone, grounded = (
-        command_line.scene_of("icosphere"),
-        command_line.scene_of("icosphere", "--ground", "--background", "none"),
-    )
+    options = (), ("--ground", "--background", "none")
+    alone, grounded = (command_line.scene_of("icosphere", *some) for some in options)
     assert len(grounded.meshes) == 2
     assert np.array_equal(grounded.meshes[0].verts, alone.meshes[0].verts)  # so that the ids of its faces stay
     assert (grounded.meshes[1].colors == GRAY[0]).all()
