@@ -57,6 +57,13 @@ def test_instances_and_meshes():
     assert (facts.boundary_edges, facts.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
 
 
+def test_thousands_of_instances():
+    many = np.tile(np.eye(4), (2100, 1, 1))
+    many[:, 0, 3] = 2.0 * np.arange(2100)
+    facts = surface_facts(Scene(Mesh(CUBE, FACES, instances=many)))
+    assert (facts.area, facts.positions, facts.shapes) == (6.0 * 2100, 8 * 2100, 2100)
+
+
 def test_edges_of_large_scenes_are_not_counted(monkeypatch):
     monkeypatch.setattr(module, "MAX_COUNTED_FACES", 11)
     facts = surface_facts(Scene(Mesh(CUBE, FACES)))
