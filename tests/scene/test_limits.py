@@ -29,7 +29,6 @@ from clshade.scene.model import Settings
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.json", "a.mtl", "a.png"])
 def test_sizes_of_files(tmp_path, monkeypatch, name):
     """Sparse files, which are not read: if the size is accepted, opening them fails."""
-
     obj_path = tmp_path / "of.obj"
     obj_path.write_bytes(b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
 
