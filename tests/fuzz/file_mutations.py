@@ -13,7 +13,7 @@ import tempfile
 import time
 import warnings
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,11 @@ MEMORY = 1 << 30  # bytes that loading may add to the peak memory of the process
 MESSAGE = 500  # characters of a refusal, besides the file's path
 HANGS = 60  # seconds after which loading is aborted
 
-NUMBERS = b"""0 -1 1 255 65536 4294967295 2147483648 -2147483649 9223372036854775808 99999999999999999999999999 1e9 1e38
+NUMBERS = (
+    b"""0 -1 1 255 65536 4294967295 2147483648 -2147483649 9223372036854775808 99999999999999999999999999 1e9 1e38
 1e39 1e308 1e999 -1e308 1e-320 nan NaN inf -Infinity 0.1e 0x10 1_000 1.5 -0 'x' "a" null []""".split()
+    + [b""]
+)
 WORDS = struct.pack("<3I3f4I", 0xFFFFFFFF, 0x7FFFFFFF, 0x80000000, np.inf, np.nan, 2.0, 0, 1, 0x80, 0x7F7FFFFF)
 VALUES = (b"null", b"[]", b"{}", b'"mesh"', b"true", b"[[1]]", b"-1", b"1e400", b'"\\ud800"', b'{"index":0}')
 
@@ -63,22 +66,23 @@ def _length(rng: Random, data: bytes) -> bytes:
     return data + bytes(rng.integers(0, 256, rng.integers(1, 20), np.uint8))
 
 
-def _replaced(rng: Random, data: bytes, pattern: bytes, replacements: Any) -> bytes:
+def _replaced(rng: Random, data: bytes, pattern: bytes, replacement: Callable[[re.Match[bytes]], bytes]) -> bytes:
     """Replace a match of the pattern by another text."""
     matches = list(re.finditer(pattern, data))
     if not matches:
         return _flip(rng, data)
     match = matches[rng.integers(len(matches))]
-    return data[: match.start()] + replacements[rng.integers(len(replacements))] + data[match.end() :]
+    return data[: match.start()] + replacement(match) + data[match.end() :]
 
 
 def _number(rng: Random, data: bytes) -> bytes:
-    return _replaced(rng, data, rb"-?\d+(\.\d*)?([eE][-+]?\d+)?", [*NUMBERS, b""])
+    return _replaced(rng, data, rb"-?\d+(\.\d*)?([eE][-+]?\d+)?", lambda _: NUMBERS[rng.integers(len(NUMBERS))])
 
 
 def _json(rng: Random, data: bytes) -> bytes:
     """Replace a value of the JSON by one of another type, or a key by another."""
-    return _replaced(rng, data, rb'"\w+"|true|false|[\[{][^\[\]{}]*[\]}]', VALUES)
+    pattern = rb'"\w+"|true|false|[\[{][^\[\]{}]*[\]}]'
+    return _replaced(rng, data, pattern, lambda _: VALUES[rng.integers(len(VALUES))])
 
 
 def _word(rng: Random, data: bytes) -> bytes:
@@ -107,13 +111,12 @@ def _part(rng: Random, data: bytes) -> bytes:
 
 def _long_list(rng: Random, data: bytes) -> bytes:
     """Repeat what a list of the JSON holds, or a text, a thousand times."""
-    matches = list(re.finditer(rb'\[([^\[\]{}]+)\]|"(\w+)"', data))
-    if not matches:
-        return _flip(rng, data)
-    match = matches[rng.integers(len(matches))]
-    listed, word = match.groups()
-    longer = b"[%s]" % b",".join([listed] * 1000) if word is None else b'"%s"' % (word * 1000)
-    return data[: match.start()] + longer + data[match.end() :]
+
+    def longer(match: re.Match[bytes]) -> bytes:
+        listed, word = match.groups()
+        return b"[%s]" % b",".join([listed] * 1000) if word is None else b'"%s"' % (word * 1000)
+
+    return _replaced(rng, data, rb'\[([^\[\]{}]+)\]|"(\w+)"', longer)
 
 
 def _png(rng: Random, data: bytes) -> bytes:

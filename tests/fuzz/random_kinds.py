@@ -4,6 +4,7 @@ scenes of a block share; everything else differs from scene to scene."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,12 +55,13 @@ class Kind:
         return self.settings.shader in ("phong", "pbr") and not self.bright
 
 
+def is_wanted(rng: Random, share: float, always: bool = False) -> bool:
+    return always or bool(rng.random() < share)
+
+
 def kind_of(seed: int, block: int) -> Kind:
     rng = np.random.default_rng([seed, block % KINDS, 0])
-
-    def often(share: float) -> bool:
-        return bool(rng.random() < share)
-
+    often = partial(is_wanted, rng)
     shader = str(rng.choice(("phong", "gouraud", "nolight", "pbr")))
     lit, pbr, textured, specialize = shader != "nolight", shader == "pbr", often(0.6), often(0.3)
     several, preset = not specialize or often(0.6), str(rng.choice(("standard", "standard", "course")))
@@ -96,10 +98,7 @@ def kind_of(seed: int, block: int) -> Kind:
 
 def _settings(rng: Random, shader: str, textured: bool, scalars: str, backdrop: bool) -> Settings:
     """Return settings: those of a preset, or any mixture of both presets', and further fields."""
-
-    def often(share: float) -> bool:
-        return bool(rng.random() < share)
-
+    often = partial(is_wanted, rng)
     fields: dict[str, Any] = {"layers": "all", "cull": often(0.15)}
     fields["precision"] = "float64" if often(0.15) else "float32"
     base: Any = rng.choice(("standard", "course", "mixed"))

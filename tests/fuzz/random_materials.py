@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from random_kinds import Kind, Random
+from random_kinds import Kind, Random, is_wanted
 
 from clshade.base.arrays import Array
 from clshade.errors import InputError
@@ -23,10 +24,7 @@ MOST_INTENSITY, LEAST_SCALE = 3e38, 1e-15
 
 def random_material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:
     """Return a material. all_of_it: with every feature of the kind."""
-
-    def wanted(share: float) -> bool:
-        return all_of_it or bool(rng.random() < share)
-
+    wanted = partial(is_wanted, rng, always=all_of_it)
     present = {"ka": kind.ambient, "kd": kind.diffuse, "ks": kind.specular}
     textured, tinted = kind.textured and wanted(0.6), kind.colored and wanted(0.4)
     return Material(

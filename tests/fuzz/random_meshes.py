@@ -4,10 +4,11 @@ placements and scalars."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from random_kinds import Kind, Random
+from random_kinds import Kind, Random, is_wanted
 
 from clshade.base.arrays import Array
 from clshade.scene.camera import Camera
@@ -22,10 +23,7 @@ def random_mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_o
     verts, faces = shape
     beyond = len(verts) + 3
     fields: dict[str, Any] = {}
-
-    def wanted(share: float) -> bool:
-        return all_of_it or bool(rng.random() < share)
-
+    wanted = partial(is_wanted, rng, always=all_of_it)
     if kind.colored and rng.random() < 0.7:
         maximum = 1.0 if kind.dim else rng.choice((1.0, 1.0, 1.0, 10.0))
         fields["colors"] = maximum * rng.uniform(0, 1, (len(verts), 3))
@@ -153,9 +151,8 @@ def _sheet(rng: Random, _: Camera) -> Shape:
     line = np.linspace(-1.0, 1.0, cells + 1)
     x, y = (a.ravel() for a in np.meshgrid(line, line))
     verts = np.stack([x, y, rng.uniform(-0.5, 0.5) * np.sin(2 * x * y) + 0.05 * rng.normal(size=len(x))], axis=1)
-    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
-    a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1, 1)
+    faces = np.concatenate([corner + [0, 1, cells + 2], corner + [0, cells + 2, cells + 1]])
     turned = rng.random(len(faces)) < 0.1
     faces[turned] = faces[turned][:, [0, 2, 1]]
     return verts, faces

@@ -119,7 +119,5 @@ def _camera(rng: Random, kind: Kind) -> Camera:
     if rng.random() < 0.1:
         height *= 10.0 ** rng.uniform(-2, 2)
     width = height * columns / rows if rng.random() < 0.6 else height * rng.uniform(0.5, 2.0)
-    principal = (0.5, 0.5) if rng.random() < 0.7 else tuple(rng.uniform(-0.3, 1.3, 2))
-    return Camera(
-        eye, lookat, up, rng.uniform(0.6, 2.5), (height, width), (columns, rows), principal, kind.orthographic
-    )
+    center = (0.5, 0.5) if rng.random() < 0.7 else tuple(rng.uniform(-0.3, 1.3, 2))
+    return Camera(eye, lookat, up, rng.uniform(0.6, 2.5), (height, width), (columns, rows), center, kind.orthographic)

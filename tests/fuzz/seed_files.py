@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from mesh_writers import Gltf, bar, pack_glb, ply, stl, stl_text
+from mesh_writers import Gltf, bar, pack_glb, ply, properties, stl, stl_text
 from PIL import Image
 from scene_files import course_dict, png16, transposed
 
@@ -63,13 +63,8 @@ def _course() -> list[Sample]:
         files.append(buffer.getvalue())
     deep, strips = np.arange(4 * 5 * 3, dtype=np.uint16).reshape(4, 5, 3) * np.uint16(1000), io.BytesIO()
     tifffile.imwrite(strips, deep, photometric="rgb", rowsperstrip=2, metadata=None)
-    pictures = {
-        "b.png": _image("RGB"),
-        "c.png": png16(deep),
-        "b.tif": strips.getvalue(),
-        "a.ppm": _pnm("P3"),
-        "b.ppm": _pnm("P6"),
-    }
+    pictures = {"b.png": _image("RGB"), "c.png": png16(deep), "b.tif": strips.getvalue()}
+    pictures |= {"a.ppm": _pnm("P3"), "b.ppm": _pnm("P6")}
     textured = (Sample({"a.npy": files[0], name: data}, name) for name, data in pictures.items())
     return [*(Sample({"a.npy": data}) for data in files), *textured]
 
@@ -144,11 +139,8 @@ def _obj() -> list[Sample]:
     ]
 
 
-_VERTICES = "element vertex 4\n" + "".join(
-    f"property {kind} {name}\n"
-    for kind, names in (("float", "x y z"), ("double", "nx ny nz"), ("uchar", "red green blue"))
-    for name in names.split()
-)
+_VERTICES = "element vertex 4\n" + properties("float", "x y z") + properties("double", "nx ny nz")
+_VERTICES += properties("uchar", "red green blue")
 _FACES = """element face 2
 property list uchar int vertex_indices
 property list uchar float texcoord
@@ -191,10 +183,8 @@ def _hdr() -> list[Sample]:
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 3 +X 9\n"
     rows = (b"".join(bytes([132, plane[0], 5]) + plane[4:].tobytes() for plane in row.T) for row in codes)
     pixel_by_pixel = codes[0, 0].tobytes() + b"\1\1\1\3" + codes.tobytes()[16:]
-    return [
-        Sample({"a.hdr": head + b"".join(b"\2\2\0\x09" + row for row in rows)}),
-        Sample({"a.hdr": head + pixel_by_pixel}),
-    ]
+    in_rows = b"".join(b"\2\2\0\x09" + row for row in rows)
+    return [Sample({"a.hdr": head + pixels}) for pixels in (in_rows, pixel_by_pixel)]
 
 
 def _document() -> Gltf:

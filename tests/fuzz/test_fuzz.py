@@ -36,11 +36,10 @@ CAMERA = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7))
 @pytest.mark.long
 def test_scenes(device, opened):
     """Half of the scenes of the first block and of every fifth; elsewhere four of every other block of a thousand."""
-    blocks, some = (
-        (range(0, 20, 5), range(0, BLOCK, 2)) if device.index == opened.index else (range(1, 20, 2), (2, 7, 19, 31))
-    )
+    is_first = device.index == opened.index
+    blocks, some = (range(0, 20, 5), range(0, BLOCK, 2)) if is_first else (range(1, 20, 2), (2, 7, 19, 31))
     numbers = [BLOCK * block + k for block in blocks for k in some]
-    failures = scene_failures(device, [*numbers, *(range(1, BLOCK, 2) if device.index == opened.index else ())])
+    failures = scene_failures(device, [*numbers, *(range(1, BLOCK, 2) if is_first else ())])
     assert failures == [], "\n\n".join(failures)
 
 

@@ -19,6 +19,7 @@ from clshade.scene.settings import Edges
 SCENES = Path(__file__).with_name("scenes")
 VERTICES: dict[str, Any] = {"interpolation": "affine", "texture_at": "vertex"}
 NOLIGHT: dict[str, Any] = {"shader": "nolight"}
+PBR: dict[str, Any] = {"shader": "pbr", "precision": "float64"}
 DATA = Scalars("data", ("black", "white"), (0.6746296516765734, 1.6458878312718688))
 EDGES = Edges("all", 154.0, 0.5286888182258525, (0.6, 5.4, 1.6))
 # File, features forced on, settings; with the usual number of lanes, which changes no bit and shares programs
@@ -36,10 +37,7 @@ SAVED: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "texels_of_samples": (OPTIONAL, {**NOLIGHT, "samples": 10, "visibility": "painter", "edges": EDGES, **VERTICES}),
     # With one pixel per work-item Intel's runtime dereferenced pointers of work-items that had left a loop early, and the
     # process crashed. No fault is seen any more with the vectorizer let loose on today's kernels.
-    "items_that_leave": (
-        OPTIONAL,
-        {"shader": "pbr", "precision": "float64", "samples": 15, "sample_shading": True, **VERTICES},
-    ),
+    "items_that_leave": (OPTIONAL, {**PBR, "samples": 15, "sample_shading": True, **VERTICES}),
 }
 
 pytestmark = pytest.mark.long

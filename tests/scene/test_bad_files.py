@@ -19,26 +19,10 @@ FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
 pytestmark = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")
 
 # Of bad/ these load, with so many triangles; all others are refused.
-VALID = {
-    "self_ok.npy": 1,
-    "self_offset_1e6.npy": 1,
-    "self_behind.npy": 1,
-    "self_straddle.npy": 1,
-    "self_light_at_vertex.npy": 1,
-    "self_neg_ok.obj": 1,
-    "self_crlf_bom.obj": 1,
-    "self_tex_1x1.obj": 1,
-    "self_repeat_verts.obj": 6,
-    "trimesh_noimg.obj": 1000,
-    "trimesh_nancolor.obj": 12,
-    "self_collinear.obj": 2,
-    "self_coords_1e38.obj": 1,
-    "self_nan_uv.obj": 1,
-    "self_ok.glb": 1,
-    # Drawn without what they name: a device as their library, and an image of a billion pixels.
-    "self_devzero.obj": 1,
-    "self_tex_bomb.obj": 1,
-}
+OF_ONE = "ok.npy offset_1e6.npy behind.npy straddle.npy light_at_vertex.npy neg_ok.obj crlf_bom.obj tex_1x1.obj"
+OF_ONE += " coords_1e38.obj nan_uv.obj ok.glb devzero.obj tex_bomb.obj"
+VALID = {f"self_{name}": 1 for name in OF_ONE.split()}  # the last two drawn without what they name: /dev/zero, a bomb
+VALID |= {"self_repeat_verts.obj": 6, "self_collinear.obj": 2, "trimesh_noimg.obj": 1000, "trimesh_nancolor.obj": 12}
 LOAD_ALL = f"""{PEAK}
 import json, os, sys, time, warnings
 from clshade.base import console

@@ -167,16 +167,20 @@ def test_a_scene_with_instances_and_a_camera(trimesh):
 
 def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
     texture = Texture(RNG.integers(0, 256, (4, 5, 3)) / 255)
-    textured = Mesh(
-        CORNERS, FACES, uvs=UVS, material=Material(texture=texture, pbr=MetallicRoughness(0.25, 0.5)), name="textured"
-    )
-    placed = np.eye(4)[None] + np.array([[0, 0, 0, 1], [0, 0, 0, 2], [0, 0, 0, 3], [0, 0, 0, 0]])
+    painted = Material(texture=texture, pbr=MetallicRoughness(0.25, 0.5))
+    textured = Mesh(CORNERS, FACES, uvs=UVS, material=painted, name="textured")
+    placed = np.stack([np.eye(4), np.diag([2.0, 2.0, 2.0, 1.0])])
+    placed[1, :3, 3] = 1, 2, 3
     colors, heights = RNG.random((4, 3)).astype(np.float32), {"height": CORNERS[:, 2]}
     colored = Mesh(CORNERS, FACES, colors, scalars=heights, instances=placed, name="colored")
     Scene((textured, colored), Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))).to_glb(tmp_path / "a.glb")
-    copies = sorted(Scene.from_trimesh(trimesh.load(tmp_path / "a.glb")).meshes, key=lambda mesh: mesh.name)
-    for ours, expected in zip(copies, clshade.load(tmp_path / "a.glb").meshes[::-1], strict=True):
-        np.testing.assert_array_equal(ours.instances, expected.instances)
+    scene, reference = Scene.from_trimesh(trimesh.load(tmp_path / "a.glb")), clshade.load(tmp_path / "a.glb")
+    assert not scene.fitted
+    eye, up, height = scene.camera.eye, scene.camera.up, scene.camera.plane[0] / scene.camera.focal
+    np.testing.assert_allclose([*eye, *up, height], [0, 0, 5, 0, 1, 0, 1], atol=1e-9)
+    copies = sorted(scene.meshes, key=lambda mesh: mesh.name)
+    for ours, expected in zip(copies, reference.meshes[::-1], strict=True):
+        assert sorted(ours.instances.tolist()) == sorted(expected.instances.tolist())
         np.testing.assert_array_equal(ours.verts[ours.faces], expected.verts[expected.faces])
         assert (ours.colors is None) == (expected.colors is None)
     second, one = copies
@@ -186,9 +190,6 @@ def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
     assert (one.material.pbr.metallic, one.material.pbr.roughness) == (0.25, 0.5)
     np.testing.assert_array_equal(second.colors, colors)
     assert second.scalars["height"].tolist() == CORNERS[:, 2].tolist()
-
-
-# Objects known by their attributes
 
 
 def test_open3d():
@@ -215,10 +216,7 @@ def test_pyvista():
     points = {"height": CORNERS[:, 2], "RGB": CODES[:, :3], "velocity": CORNERS, "names": np.array(list("abcd"))}
     cells = {"part": np.array([1, 2])}
     mesh = only(SimpleNamespace(points=CORNERS, regular_faces=FACES, point_data=points, cell_data=cells))
-    assert {name: values.tolist() for name, values in mesh.scalars.items()} == {
-        "height": [0, 0, 0, 0.5],
-        "part": [1, 2],
-    }
+    assert {key: values.tolist() for key, values in mesh.scalars.items()} == {"height": [0, 0, 0, 0.5], "part": [1, 2]}
     np.testing.assert_allclose(mesh.colors, srgb_to_linear(CODES[:, :3] / 255.0))
     named = {"Normals": CORNERS + 1.0}
     mesh = only(SimpleNamespace(points=CORNERS, regular_faces=FACES, point_data=named, cell_data={}))
@@ -226,9 +224,6 @@ def test_pyvista():
     for source in (Quads(), SimpleNamespace(points=CORNERS, regular_faces=np.array([[0, 1, 3, 2]]))):
         with pytest.raises(InputError, match=r"triangles alone \(PolyData.triangulate\(\) makes them\)"):
             Scene.from_trimesh(source)
-
-
-# Refused
 
 
 def test_refused(trimesh):
@@ -258,18 +253,14 @@ def test_no_other_library_is_imported():
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
 
 
-# Mesh(vertices=...)
-
-
 def test_vertices_is_another_name_of_verts():
     mesh = Mesh(vertices=CORNERS, faces=FACES, name="roof")
     assert mesh.vertices is mesh.verts
     assert repr(mesh) == "<Mesh roof: 2 triangles, 4 vertices, 1 instance>"
     assert mesh.verts.tolist() == CORNERS.tolist()
-    with pytest.raises(AttributeError):
-        mesh.verts = CORNERS
-    with pytest.raises(AttributeError):
-        mesh.vertices = CORNERS
+    for name in ("verts", "vertices"):
+        with pytest.raises(AttributeError):
+            setattr(mesh, name, CORNERS)
     for arguments, fields in (((CORNERS, FACES), {}), ((), {"verts": CORNERS, "faces": FACES})):
         with pytest.raises(InputError, match=r"^Mesh: vertices: cannot go with verts, which is the same"):
             Mesh(*arguments, vertices=CORNERS, **fields)
@@ -277,13 +268,11 @@ def test_vertices_is_another_name_of_verts():
         Mesh(faces=FACES)
 
 
-BLOCK = re.compile(r"^```py\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-
-
 def test_what_the_page_for_its_users_names_exists(trimesh):
     """COMING_FROM.md, of which tests/test_readme.py runs our parts."""
     text = (ROOT / "clshade" / "scene" / "COMING_FROM.md").read_text()
-    nodes = [node for block in BLOCK.findall(text) for node in ast.walk(ast.parse(block))]
+    blocks = re.findall(r"^```py\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    nodes = [node for block in blocks for node in ast.walk(ast.parse(block))]
     chains = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
     named = {chain for chain in chains if re.fullmatch(r"trimesh(\.\w+)+", chain)}
     assert len(named) > 10

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 
 import numpy as np
 import pytest
@@ -118,23 +117,28 @@ def test_interleaved_quantized_and_sparse_accessors(tmp_path):
     short = document.accessor(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.int16))
     normal = document.accessor(np.array([[0, 0, 127]] * 3, np.int8), normalized=True)
     document.mesh({"POSITION": short, "NORMAL": normal}, INDICES)
-    sparse = {
-        "count": 1,
-        "indices": {"bufferView": document.view(struct.pack("<H", 2)), "componentType": 5123},
-        "values": {"bufferView": document.view(struct.pack("<3f", 7, 8, 9))},
-    }
-    empty = document.add("accessors", {"componentType": 5126, "type": "VEC3", "count": 3, "sparse": sparse})
-    document.mesh({"POSITION": empty}, INDICES)
+    document.mesh({"POSITION": document.sparse(np.uint16([2]), np.float32([[7, 8, 9]]), 3)}, INDICES)
     verts = RNG.random((100, 3), np.float32)
     document.mesh({"POSITION": verts, "COLOR_0": verts}, np.array([50, 3, 90], np.uint16))
-    one, second, third, share = load(document.glb(tmp_path / "a.glb")).meshes
+    path = document.glb(tmp_path / "a.glb")
+    one, second, third, share = load(path).meshes
     assert one.verts.tolist() == CORNERS.tolist()
     np.testing.assert_allclose(one.colors, [[1, 0, 0.2], [0, 1, 0], [0, 0, 0]], atol=1e-7)
+    np.testing.assert_allclose(load(path, vertex_colors="srgb").meshes[0].colors[0], [1, 0, 0.0331048], atol=1e-6)
     assert second.verts.tolist() == [[0, 0, 0], [9, 0, 0], [0, 9, 0]]
     assert second.normals.tolist() == [[0, 0, 1]] * 3
     assert third.verts.tolist() == [[0, 0, 0], [0, 0, 0], [7, 8, 9]]
     assert np.array_equal(share.verts[share.faces[0]], verts[[50, 3, 90]])
     assert (len(share.verts), share.colors.tolist()) == (3, share.verts.tolist())
+
+
+def test_normals_that_are_none_are_computed(tmp_path):
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS, "NORMAL": np.float32([[0, 0, 0], [0, np.nan, 0], [0, 0, 0]])}, INDICES)
+    scene, (message,) = scene_and_warnings(document.glb(tmp_path / "a.glb"))
+    assert scene.meshes[0].normals.tolist() == [[0, 0, 1]] * 3
+    remark = "normals that are 0 or not finite were computed from the faces: 3"
+    assert message.endswith(f"primitives[0].attributes.NORMAL: {remark}")
 
 
 def test_what_is_not_rendered_is_told_once(tmp_path):
@@ -150,21 +154,18 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
 # Cameras
 
 
-def seen_by(path, *cameras, **node) -> str:
+def seen_by(folder, *cameras, **node) -> str:
     """Write a triangle and a node with each camera, (kind, its fields)."""
-    document = triangle()
-    document.add("nodes", {"mesh": 0})
+    document = triangle({"mesh": 0})
     for kind, lens in cameras:
         camera = document.add("cameras", {"type": kind, kind: lens})
         document.add("nodes", {"camera": camera, **({"translation": [1, 2, 9]} | node)})
-    return document.glb(path)
+    return document.glb(folder / "a.glb")
 
 
 def test_cameras(tmp_path):
     lens = {"yfov": 1.0, "aspectRatio": 2.0, "znear": 0.1}
-    scene, messages = scene_and_warnings(
-        seen_by(tmp_path / "a.glb", ("perspective", lens), ("perspective", {"yfov": 2.0}))
-    )
+    scene, messages = scene_and_warnings(seen_by(tmp_path, ("perspective", lens), ("perspective", {"yfov": 2.0})))
     assert "cameras" in " ".join(messages)  # of several the first is taken
     camera = scene.camera
     assert (camera.eye.tolist(), camera.up.tolist()) == ([1, 2, 9], [0, 1, 0])
@@ -174,16 +175,16 @@ def test_cameras(tmp_path):
     assert (camera.plane, camera.resolution) == (pytest.approx((height, 2 * height)), (1200, 600))
     narrow = load(tmp_path / "a.glb", resolution=(300, 300)).camera  # the whole view stays visible
     assert narrow.plane == pytest.approx((2 * height, 2 * height))
-    camera = load(seen_by(tmp_path / "a.glb", ("perspective", lens), translation=[1, 2, -9])).camera
+    camera = load(seen_by(tmp_path, ("perspective", lens), translation=[1, 2, -9])).camera
     assert (camera.lookat - camera.eye)[:2].tolist() == [0, 0]  # with the triangle behind it
     assert -1.0 < (camera.lookat - camera.eye)[2] < -0.1
 
 
 def test_lenses_at_their_limits(tmp_path):
-    mirrored = load(seen_by(tmp_path / "a.glb", ("orthographic", {"xmag": -2, "ymag": -1}))).camera
+    mirrored = load(seen_by(tmp_path, ("orthographic", {"xmag": -2, "ymag": -1}))).camera
     assert (mirrored.orthographic, mirrored.plane, mirrored.resolution) == (True, (2.0, 4.0), (1200, 600))
     for lens, resolution in (({}, (800, 600)), ({"aspectRatio": 1e-9}, (1, 600)), ({"aspectRatio": 1e9}, (16384, 600))):
-        camera = load(seen_by(tmp_path / "a.glb", ("perspective", {"yfov": math.pi / 2, **lens}))).camera
+        camera = load(seen_by(tmp_path, ("perspective", {"yfov": math.pi / 2, **lens}))).camera
         assert camera.resolution == resolution
         columns, rows = resolution
         assert camera.plane[1] / camera.plane[0] == pytest.approx(columns / rows)
@@ -203,7 +204,7 @@ def test_what_is_up_for_a_camera_that_looks_down(tmp_path, roll):
         return np.append(a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3]), a[3] * b[3] - a[:3] @ b[:3])
 
     rotation = np.float32(product(product(around, down), twist)).tolist()
-    camera = load(seen_by(tmp_path / "a.glb", ("perspective", {"yfov": 1.0}), rotation=rotation)).camera
+    camera = load(seen_by(tmp_path, ("perspective", {"yfov": 1.0}), rotation=rotation)).camera
     assert (camera.up.tolist() == [0, 1, 0]) is (roll == 0.0)
     right, up, forward = camera_axes(camera)
     assert forward == pytest.approx([-math.cos(1.2) * math.sin(0.7), -math.sin(1.2), -math.cos(1.2) * math.cos(0.7)])
@@ -216,8 +217,7 @@ def test_what_is_up_for_a_camera_that_looks_down(tmp_path, roll):
 
 def lit_by(tmp_path, *lights):
     """Write the triangle (0, 0, 0) (1, 0, 0) (0, 1, 0), whose center is (0.5, 0.5, 0), lit by these (light, node)."""
-    document = triangle()
-    document.add("nodes", {"mesh": 0})
+    document = triangle({"mesh": 0})
     for index, (_, node) in enumerate(lights):
         document.add("nodes", {**node, "extensions": {"KHR_lights_punctual": {"light": index}}})
     document.json["extensions"] = {"KHR_lights_punctual": {"lights": [light for light, _ in lights]}}
@@ -257,10 +257,8 @@ def test_one_factor_exposes_all_lights(tmp_path):
     """Whatever the sun's lux, it arrives with 1, and the lamp keeps its ratio; a lamp among the meshes is measured at their
     radius, sqrt(0.5)."""
     lux = 1e5
-    lamp = {"type": "point", "intensity": lux}
-    scene = load(
-        lit_by(tmp_path, ({"type": "directional", "intensity": lux}, {}), (lamp, {"translation": [0.5, 0.5, 2]}))
-    )
+    sun, lamp = ({"type": kind, "intensity": lux} for kind in ("directional", "point"))
+    scene = load(lit_by(tmp_path, (sun, {}), (lamp, {"translation": [0.5, 0.5, 2]})))
     assert scene.light_scale == pytest.approx(1.0 / lux)
     assert [light.intensity.tolist() for light in scene.lights] == [[pytest.approx(1.0)] * 3] * 2
     (light,) = load(lit_by(tmp_path, (lamp, {"translation": [0.5, 0.5, 0.01]}))).lights

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, Gltf, png, triangle
+from mesh_writers import CORNERS, INDICES, UP, UVS, Gltf, png, triangle
 from scene_files import refusal, scene_and_warnings
 
 from clshade import Material, Mesh
@@ -18,9 +18,7 @@ from clshade.scene.framing import AMBIENT
 
 PIXELS = np.random.default_rng(3).integers(0, 256, (3, 2, 4), dtype=np.uint8)
 LINEAR = srgb_to_linear(PIXELS[..., :3] / 255)
-UVS = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 OTHER = np.array([[0.5, 0], [1, 0.25], [0, 1]], np.float32)
-NORMALS = np.array([[0, 0, 1.0]] * 3, np.float32)
 TANGENTS = np.array([[1, 0, 0, -1.0]] * 3, np.float32)
 COLORED = {"baseColorTexture": {"index": 0}}
 
@@ -28,12 +26,11 @@ COLORED = {"baseColorTexture": {"index": 0}}
 def written(tmp_path, attributes: dict[str, Any] | None = None, *, pixels=PIXELS, sampler=None, **material: Any) -> str:
     """Write a triangle with two sets of texture coordinates, these attributes besides or instead (None: without)."""
     document = Gltf()
-    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
+    document.texture(pixels)
     if sampler is not None:
         document.json["textures"][0]["sampler"] = document.add("samplers", sampler)
     document.add("materials", material)
-    arrays = {"POSITION": CORNERS, "NORMAL": NORMALS, "TEXCOORD_0": UVS, "TEXCOORD_1": OTHER, **(attributes or {})}
+    arrays = {"POSITION": CORNERS, "NORMAL": UP, "TEXCOORD_0": UVS, "TEXCOORD_1": OTHER, **(attributes or {})}
     document.mesh({name: array for name, array in arrays.items() if array is not None}, INDICES, material=0)
     return document.glb(tmp_path / "a.glb")
 
@@ -207,14 +204,13 @@ def test_tangents_without_normals_do_not_count(tmp_path):
     assert loaded(tmp_path, attributes, normalTexture={"index": 0}).tangents is None
 
 
-FACTOR = "pbrMetallicRoughness"
 LARGEST = float(np.finfo(np.float32).max)
 
 
 @pytest.mark.parametrize(
     ("material", "field", "name", "clamped"),
     [
-        ({FACTOR: {"metallicFactor": 7.0}}, "metallicFactor", "metallic", 1.0),
+        ({"pbrMetallicRoughness": {"metallicFactor": 7.0}}, "metallicFactor", "metallic", 1.0),
         ({"normalTexture": {"index": 0, "scale": -1e30}}, "normalTexture.scale", "normal_scale", -1e6),
         ({"occlusionTexture": {"index": 0, "strength": 7}}, "occlusionTexture.strength", "occlusion_strength", 1.0),
         ({"emissiveFactor": [-1, 2, 0]}, "emissiveFactor", "emission", [0, 2, 0]),

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import json
 import struct
-import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from gltf_changes import REMOVED, changed
-from mesh_writers import CORNERS, INDICES, Gltf, bar, pack_glb, png, triangle
+from mesh_writers import CORNERS, INDICES, PLACES, REMOVED, TIMES, UP, Gltf, bar, changed, pack_glb, triangle
 from scene_files import refusal, write
 
 from clshade import load
 
 # Documents that are sound before they are changed
-
-TIMES = np.array([0.5, 1.0, 3.0], np.float32)
-PLACES = np.array([[1, 0, 0], [3, -2, 5], [-1, 4, 5]], np.float32)
-UP = np.float32([[0, 0, 1]] * 3)
 
 
 def placed() -> Gltf:
@@ -51,8 +45,7 @@ def morphed() -> Gltf:
 
 def textured() -> Gltf:
     document = Gltf()
-    document.add("images", {"bufferView": document.view(png(np.zeros((3, 2, 3), np.uint8))), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
+    document.texture(np.zeros((3, 2, 3), np.uint8))
     document.add("materials", {"normalTexture": {"index": 0}, "pbrMetallicRoughness": {}})
     attributes = {"POSITION": CORNERS, "NORMAL": UP, "TEXCOORD_0": CORNERS[:, :2].copy()}
     document.mesh(attributes, INDICES, material=0)
@@ -62,8 +55,10 @@ def textured() -> Gltf:
 P = "meshes.0.primitives.0"
 A = f"{P}.attributes"
 SKIN, INVERSE, IN_INVERSE = "skins.0", "skins.0.inverseBindMatrices", "skins[0].inverseBindMatrices: expected"
-LENS, LIGHT = "cameras.0", "extensions.KHR_lights_punctual.lights.0"
+LENS, FLAT = "cameras.0", {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 0}}
+LIGHT, SPOT = "extensions.KHR_lights_punctual.lights.0", "extensions.KHR_lights_punctual.lights.0.spot"
 SAMPLER, CHANNEL = "animations.0.samplers.0", "animations.0.channels.0"
+OUTPUT, PATH = f"{SAMPLER}.output", f"{CHANNEL}.target.path"
 BAD = np.zeros((2, 16), np.float32)
 HUGE = np.full((3, 3), 3e38, np.float32)
 WEIGHT = np.full((6, 4), 0.25, np.float32)
@@ -73,7 +68,8 @@ FINITE = "a finite number of at least 0"
 IN_JOINTS = "attributes.JOINTS_0: expected 6 of 4 whole numbers, found"
 IN_WEIGHTS = "attributes.WEIGHTS_0: expected 6 of 4 float32 or normalized"
 IN_INPUT, IN_OUTPUT = "samplers[0].input: expected", "samplers[0].output: expected"
-IN_TARGET = "channels[0].target"
+IN_TARGET, IN_WORLD = "channels[0].target", "nodes[1].matrix: expected a finite placement in the world"
+CYCLE, LARGE = {"scenes.0.nodes": [3], "nodes.0.children": [], "nodes.2.children": [1]}, {"scale": [1e200] * 3}
 
 # A document, its changes, parts of the message
 BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
@@ -111,10 +107,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({f"{P}.material": 0}, "material: expected an index of the 0 materials"),
         ({P: []}, "meshes[0].primitives[0]: expected an object"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "nodes[0]: expected a tree"),
-        (
-            {"nodes": [{"children": [1], "scale": [1e200] * 3}, {"mesh": 0, "scale": [1e200] * 3}]},
-            "nodes[1].matrix: expected a finite placement in the world, found an overflow",
-        ),
+        ({"nodes": [{"children": [1], **LARGE}, {"mesh": 0, **LARGE}]}, f"{IN_WORLD}, found an overflow"),
     ],
     placed: [
         ({"nodes.1.mesh": 7}, "nodes[1].mesh: "),
@@ -128,20 +121,14 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({f"{LENS}.perspective.yfov": np.pi}, "cameras[0].perspective.yfov: "),
         ({f"{LENS}.perspective": {"aspectRatio": 1.0}}, "cameras[0].perspective.yfov: "),
         ({f"{LENS}.perspective": REMOVED}, "cameras[0].type: "),
-        (
-            {LENS: {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 0}}},
-            "ymag: expected a number other than 0",
-        ),
+        ({LENS: FLAT}, "ymag: expected a number other than 0"),
         ({f"{LIGHT}.range": 0}, "range: expected a number above 0, found 0"),
         ({f"{LIGHT}.range": -1}, "range: expected a number above 0, found -1"),
         ({f"{LIGHT}.range": "far"}, "range: expected a finite number"),
         ({f"{LIGHT}.intensity": -1}, f"intensity: expected {FINITE}"),
-        ({f"{LIGHT}.spot": {"outerConeAngle": 2}}, "spot.outerConeAngle: expected radians from 0 to pi/2, found 2"),
-        ({f"{LIGHT}.spot": {"innerConeAngle": -1}}, f"spot.innerConeAngle: expected {FINITE}"),
-        (
-            {f"{LIGHT}.spot": {"innerConeAngle": 1, "outerConeAngle": 0.5}},
-            "expected at most outerConeAngle, 0.5, found 1",
-        ),
+        ({SPOT: {"outerConeAngle": 2}}, "spot.outerConeAngle: expected radians from 0 to pi/2, found 2"),
+        ({SPOT: {"innerConeAngle": -1}}, f"spot.innerConeAngle: expected {FINITE}"),
+        ({SPOT: {"innerConeAngle": 1, "outerConeAngle": 0.5}}, "expected at most outerConeAngle, 0.5, found 1"),
     ],
     textured: [
         ({"materials.0.pbrMetallicRoughness.roughnessFactor": -1}, f"roughnessFactor: expected {FINITE}, found -1"),
@@ -173,10 +160,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({INVERSE: BAD}, f"{IN_INVERSE} finite matrices", "in row 0"),
         ({INVERSE: BAD + np.float32(np.nan)}, f"{IN_INVERSE} finite matrices"),
         ({"nodes.3.skin": 3}, "nodes[3].skin: expected an index of the 1 skins"),
-        (
-            {"scenes.0.nodes": [3], "nodes.0.children": [], "nodes.2.children": [1]},
-            "nodes[1]: expected a tree of nodes, found a cycle",
-        ),
+        (CYCLE, "nodes[1]: expected a tree of nodes, found a cycle"),
     ],
     morphed: [
         ({"meshes.0.weights": [1, 2]}, "meshes[0].weights: expected 1 finite numbers"),
@@ -202,25 +186,21 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({f"{SAMPLER}.input": np.uint16([0, 1, 2])}, f"{IN_INPUT} float32 of type SCALAR"),
         ({f"{SAMPLER}.input": PLACES}, f"{IN_INPUT} float32 of type SCALAR"),
         ({f"{SAMPLER}.input": REMOVED}, f"{IN_INPUT} an index, found none"),
-        ({f"{SAMPLER}.output": REMOVED}, f"{IN_OUTPUT} an index, found none"),
-        ({f"{SAMPLER}.output": 99}, f"{IN_OUTPUT} an index of the 4 accessors, found 99"),
-        ({f"{SAMPLER}.output": PLACES[:2]}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 2 of 3"),
-        ({f"{SAMPLER}.output": NOT_FINITE}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 3 of 4 float32"),
-        ({f"{SAMPLER}.output": NOT_FINITE[:, :3].copy()}, f"{IN_OUTPUT} finite numbers", "in row 1"),
-        ({f"{SAMPLER}.output": PLACES.astype(np.int16)}, "float32 or normalized integers, found 3 of 3 int16"),
+        ({OUTPUT: REMOVED}, f"{IN_OUTPUT} an index, found none"),
+        ({OUTPUT: 99}, f"{IN_OUTPUT} an index of the 4 accessors, found 99"),
+        ({OUTPUT: PLACES[:2]}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 2 of 3"),
+        ({OUTPUT: NOT_FINITE}, f"{IN_OUTPUT} 3 rows of 3 for 3 times, ", "found 3 of 4 float32"),
+        ({OUTPUT: NOT_FINITE[:, :3].copy()}, f"{IN_OUTPUT} finite numbers", "in row 1"),
+        ({OUTPUT: PLACES.astype(np.int16)}, "float32 or normalized integers, found 3 of 3 int16"),
         ({f"{SAMPLER}.interpolation": "CUBICSPLINE"}, f"{IN_OUTPUT} 9 rows of 3 for 3 times, ", "found 3 of 3"),
         ({f"{SAMPLER}.interpolation": "CUBIC"}, "expected one of LINEAR, STEP, CUBICSPLINE, found 'CUBIC'"),
-        (
-            {f"{SAMPLER}.output": np.zeros((3, 4), np.float32), f"{CHANNEL}.target.path": "rotation"},
-            "output: expected quaternions other than 0",
-            "row 0",
-        ),
+        ({OUTPUT: np.zeros((3, 4), np.float32), PATH: "rotation"}, f"{IN_OUTPUT} quaternions other than 0", "row 0"),
         ({f"{CHANNEL}.sampler": 1}, "channels[0].sampler: expected an index of the 1 samplers, found 1"),
         ({f"{CHANNEL}.sampler": REMOVED}, "channels[0].sampler: expected a whole number of at least 0"),
         ({f"{CHANNEL}.target": REMOVED}, f"{IN_TARGET}: expected an object, found none"),
-        ({f"{CHANNEL}.target.path": REMOVED}, f"{IN_TARGET}.path: expected one of translation"),
-        ({f"{CHANNEL}.target.path": "color"}, f"{IN_TARGET}.path: expected one of translation, rotation", "'color'"),
-        ({f"{CHANNEL}.target.path": "weights"}, f"{IN_TARGET}.node: expected a node whose mesh has morph targets"),
+        ({PATH: REMOVED}, f"{IN_TARGET}.path: expected one of translation"),
+        ({PATH: "color"}, f"{IN_TARGET}.path: expected one of translation, rotation", "'color'"),
+        ({PATH: "weights"}, f"{IN_TARGET}.node: expected a node whose mesh has morph targets"),
         ({f"{CHANNEL}.target.node": 4}, f"{IN_TARGET}.node: expected an index of the 4 nodes, found 4"),
         ({"nodes.0.matrix": np.eye(4).ravel().tolist()}, f"{IN_TARGET}.node: expected a node without a matrix"),
         (
@@ -230,10 +210,7 @@ BROKEN: dict[Callable[[], Gltf], list[tuple[Any, ...]]] = {
         ({"animations.0.name": 5}, "animations[0].name: expected text, found 5"),
         ({"animations.0": 3}, "animations[0]: expected an object, found 3"),
         ({"animations": {"name": "Run"}}, "animations: expected a list"),
-        (
-            {f"{SAMPLER}.output": HUGE, f"{CHANNEL}.target.path": "scale", "nodes.1.scale": [1e300] * 3},
-            "nodes[1].matrix: expected a finite placement in the world",
-        ),
+        ({OUTPUT: HUGE, PATH: "scale", "nodes.1.scale": [1e300] * 3}, IN_WORLD),
     ],
 }
 
@@ -270,15 +247,11 @@ def test_references_out_of_the_folder(tmp_path, uri):
 
 
 def sparse(rows: list[int], count: int) -> Gltf:
-    """Return a triangle with an accessor of four rows, all 0 except the first `count` of the given rows."""
+    """Return a triangle with an accessor of four rows, all 0 except `count` of some rows."""
     document = Gltf()
-    parts = {
-        "count": count,
-        "indices": {"bufferView": document.view(np.array(rows, np.uint8).tobytes()), "componentType": 5121},
-        "values": {"bufferView": document.view(np.ones((len(rows), 3), np.float32).tobytes())},
-    }
-    entry = {"componentType": 5126, "type": "VEC3", "count": 4, "sparse": parts}
-    document.mesh({"POSITION": document.add("accessors", entry)}, INDICES)
+    accessor = document.sparse(np.uint8(rows), np.ones((len(rows), 3), np.float32), 4)
+    document.json["accessors"][accessor]["sparse"]["count"] = count
+    document.mesh({"POSITION": accessor}, INDICES)
     return document
 
 
@@ -368,20 +341,20 @@ def test_chunks_of_any_padding_and_with_others_between_and_behind_them(tmp_path,
 COMPRESSED = "extensions: expected geometry that needs no extension (export it without compression), found "
 
 
+@pytest.mark.filterwarnings("error", "ignore:.*EXT_any_other")
 @pytest.mark.parametrize(("name", "required"), [("KHR_draco_mesh_compression", True), ("EXT_any_other", False)])
 def test_geometry_in_an_extension_of_a_primitive(tmp_path, name, required):
     document = triangle(extensions={name: {"bufferView": 0, "attributes": {"POSITION": 0}}})
     document.json["extensionsUsed"] = [name]
     if required:
         document.json["extensionsRequired"] = [name]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore" if "other" in name else "error")
-        assert load(document.glb(tmp_path / "a.glb")).meshes[0].verts.tolist() == CORNERS.tolist()  # stored beside it
-        for accessor in (1, 0):
-            del document.json["accessors"][accessor]["bufferView"]
-            refusal(document.glb(tmp_path / "a.glb"), f"meshes[0].primitives[0].{COMPRESSED}'{name}'")
+    assert load(document.glb(tmp_path / "a.glb")).meshes[0].verts.tolist() == CORNERS.tolist()  # stored beside it
+    for accessor in (1, 0):
+        del document.json["accessors"][accessor]["bufferView"]
+        refusal(document.glb(tmp_path / "a.glb"), f"meshes[0].primitives[0].{COMPRESSED}'{name}'")
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", ["EXT_meshopt_compression", "KHR_meshopt_compression"])
 def test_compressed_buffer_views(tmp_path, name):
     document = triangle()
@@ -390,9 +363,7 @@ def test_compressed_buffer_views(tmp_path, name):
         view["extensions"] = {name: {"buffer": 0, "mode": "ATTRIBUTES"}}
     document.json["extensionsUsed"] = [name]
     (tmp_path / "a.gltf").write_text(json.dumps(document.json))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert load(tmp_path / "a.gltf").meshes[0].verts.tolist() == CORNERS.tolist()
+    assert load(tmp_path / "a.gltf").meshes[0].verts.tolist() == CORNERS.tolist()
     (tmp_path / "fallback.bin").unlink()
     refusal(tmp_path / "a.gltf", f"bufferViews[0].{COMPRESSED}'{name}'")
     document.json["buffers"][0] = {"byteLength": 44, "extensions": {name: {"fallback": True}}}

@@ -3,47 +3,32 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 import pytest
-from gltf_changes import REMOVED, changed
-from mesh_writers import CORNERS, INDICES, Gltf, bar, png, triangle
-from scene_files import scene_and_warnings
+from mesh_writers import CORNERS, INDICES, REMOVED, UP, Gltf, bar, changed, cubic, triangle
+from scene_files import corners_in_world, scene_and_warnings
 
 from clshade.scene.formats.gltf_meshes import Influences, deform
 from clshade.scene.formats.load import load
 
-NOW = np.array([0], np.float32)
+pytestmark = pytest.mark.filterwarnings("error")
+
 P = "meshes.0.primitives.0"
 JOINTS, WEIGHTS, TARGET = f"{P}.attributes.JOINTS_0", f"{P}.attributes.WEIGHTS_0", f"{P}.targets.0"
-
-
-def quietly(path, **options):
-    """Load a file, which may not warn."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        return load(path, **options)
-
-
-def world(mesh) -> np.ndarray:
-    """Return the vertices of a mesh that is placed once, in the world."""
-    (matrix,) = mesh.instances
-    return mesh.verts.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def bent() -> Gltf:
     """Return a bar whose upper joint an animation of one time turns by 90 degrees about z."""
     document = bar()
     turned = np.array([[0, 0, math.sqrt(0.5), math.sqrt(0.5)]], np.float32)
-    document.animation((2, "rotation", NOW, turned, "STEP"))
+    document.animation((2, "rotation", np.float32([0]), turned, "STEP"))
     return document
 
 
-def flat_normal_map(document: Gltf) -> int:
+def normal_map(document: Gltf) -> int:
     """Add a material that needs tangents."""
-    document.add("images", {"bufferView": document.view(png(np.zeros((1, 1, 3), np.uint8))), "mimeType": "image/png"})
-    return document.add("materials", {"normalTexture": {"index": document.add("textures", {"source": 0})}})
+    return document.add("materials", {"normalTexture": {"index": document.texture(np.zeros((1, 1, 3), np.uint8))}})
 
 
 # Skins
@@ -52,7 +37,7 @@ STRAIGHT = np.array([[x, y, 0] for y in (0, 1, 2) for x in (-0.1, 0.1)])
 # The upper end turns about (0, 1, 0); the middle is the mean of where both joints put it.
 BENT = np.array([[-0.1, 0, 0], [0.1, 0, 0], [-0.05, 0.95, 0], [0.05, 1.05, 0], [-1, 0.9, 0], [-1, 1.1, 0]])
 SHARES = np.array([[1, 0, 0, 0]] * 2 + [[0.5, 0.5, 0, 0]] * 2 + [[0, 1, 0, 0]] * 2)
-FAR_ROOT = {"children": [1, 3], "translation": [0, 0, 5]}
+FAR_ROOT = {"children": [1], "translation": [0, 0, 5]}
 EIGHTHS = np.full((6, 4), 0.125, np.float32)
 ALL_OF_BOTH = {
     **{JOINTS: np.zeros((6, 4), np.uint16), WEIGHTS: EIGHTHS},
@@ -65,16 +50,9 @@ RAISED_AND_BENT = [[-0.1, 1, 0], [0.1, 1, 0], [-0.55, 1.45, 0], [-0.45, 1.55, 0]
 POSES = {
     "as it was bound": ({}, None, STRAIGHT),
     "bent": ({}, 0, BENT),
-    "joints outside the scene": (
-        {"nodes.0": {**FAR_ROOT, "children": [1]}, "scenes.0.nodes": [3]},
-        None,
-        STRAIGHT + [0, 0, 5],
-    ),
-    "identities": (
-        {"skins.0.inverseBindMatrices": REMOVED},
-        None,
-        STRAIGHT * [1, 1.5, 1],
-    ),  # the upper joint is at y = 1
+    "joints outside the scene": ({"nodes.0": FAR_ROOT, "scenes.0.nodes": [3]}, None, STRAIGHT + [0, 0, 5]),
+    # The upper joint is at y = 1.
+    "identities": ({"skins.0.inverseBindMatrices": REMOVED}, None, STRAIGHT * [1, 1.5, 1]),
     "several sets": (ALL_OF_BOTH, 0, MEAN),
     "weights of 8 bits": ({WEIGHTS: (np.uint8(SHARES * 255), {"normalized": True})}, 0, BENT),
     "any number without weight": ({JOINTS: np.uint8([[0, 1, 9, 9]] * 6)}, 0, BENT),
@@ -88,7 +66,7 @@ POSES = {
 def test_a_bar_with_two_joints(tmp_path, pose):
     """The transform of its own node does not count."""
     changes, time, expected = POSES[pose]
-    scene = quietly(changed(bent(), changes, tmp_path / "a.glb"), time=time)
+    scene = load(changed(bent(), changes, tmp_path / "a.glb"), time=time)
     (mesh,) = scene.meshes
     assert (mesh.verts.dtype, mesh.instances.tolist(), scene.ignored) == (np.float32, [np.eye(4).tolist()], ())
     np.testing.assert_allclose(mesh.verts, expected, atol=2e-7 * np.abs(expected).max())
@@ -116,8 +94,8 @@ def test_normals_and_tangents_of_a_stretched_joint(tmp_path):
         "TEXCOORD_0": np.zeros((6, 2), np.float32),
     }
     changes = {f"{P}.attributes.{name}": values for name, values in attributes.items()}
-    changes |= {f"{P}.material": flat_normal_map(document), "nodes.1.scale": [2, 1, 1]}  # of both joints
-    (mesh,) = quietly(changed(document, changes, tmp_path / "a.glb")).meshes
+    changes |= {f"{P}.material": normal_map(document), "nodes.1.scale": [2, 1, 1]}  # of both joints
+    (mesh,) = load(changed(document, changes, tmp_path / "a.glb")).meshes
     np.testing.assert_allclose(mesh.verts[:, 0], [-0.2, 0.2] * 3, rtol=1e-6)
     normals = mesh.normals / np.linalg.norm(mesh.normals, axis=1)[:, None]
     np.testing.assert_allclose(normals, [[0.3 / math.hypot(0.3, 0.8), 0.8 / math.hypot(0.3, 0.8), 0]] * 6, rtol=1e-6)
@@ -127,7 +105,7 @@ def test_normals_and_tangents_of_a_stretched_joint(tmp_path):
 def test_flat_normals_are_those_of_the_pose(tmp_path):
     about_x = [math.sin(math.pi / 4), 0, 0, math.cos(math.pi / 4)]
     changes = {"nodes.2.rotation": about_x, f"{P}.attributes.NORMAL": REMOVED}
-    (mesh,) = quietly(changed(bar(), changes, tmp_path / "a.glb")).meshes
+    (mesh,) = load(changed(bar(), changes, tmp_path / "a.glb")).meshes
     corners = mesh.verts[mesh.faces]
     expected = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     expected /= np.linalg.norm(expected, axis=1)[:, None]
@@ -137,9 +115,10 @@ def test_flat_normals_are_those_of_the_pose(tmp_path):
 
 def test_a_mirrored_skin_keeps_its_front(tmp_path):
     changes = {"nodes.0.scale": [1, 1, -1], "nodes.0.translation": [0, 3, 4]}
-    (mesh,) = quietly(changed(bar(), changes, tmp_path / "a.glb")).meshes
+    scene = load(changed(bar(), changes, tmp_path / "a.glb"))
+    (mesh,) = scene.meshes
     (matrix,) = mesh.instances
-    np.testing.assert_allclose(world(mesh), STRAIGHT + [0, 3, 4], rtol=1e-6)
+    np.testing.assert_allclose(corners_in_world(scene.meshes), (STRAIGHT + [0, 3, 4])[mesh.faces], rtol=1e-6)
     assert np.linalg.det(matrix[:3, :3]) < 0.0  # as for a placement that mirrors: winding is reversed
     inverse_transpose = np.linalg.inv(matrix[:3, :3]).T
     assert (mesh.normals @ inverse_transpose.T).tolist() == [[0, 0, -1]] * 6
@@ -181,11 +160,9 @@ def test_bars_of_one_mesh_with_skins_of_their_own_or_none(tmp_path):
     document.add("skins", {"joints": [4, 4]})
     document.json["nodes"][0]["children"] += [4, 5, 6]
     with pytest.warns(UserWarning, match="not rendered: joints of meshes without a skin$"):
-        meshes = load(document.glb(tmp_path / "a.glb")).meshes
-    firsts = np.float32([[-0.1, 0, 0], [8.9, 0, 0], [-0.1, 0, 4]])
-    assert [world(mesh)[0].tolist() for mesh in meshes] == firsts.tolist()
-    document = triangle()
-    document.add("nodes", {"mesh": 0, "skin": 0, "translation": [50, 60, 70]})
+        corners = corners_in_world(load(document.glb(tmp_path / "a.glb")).meshes)
+    assert corners[::4, 0].tolist() == np.float32([[-0.1, 0, 0], [8.9, 0, 0], [-0.1, 0, 4]]).tolist()
+    document = triangle({"mesh": 0, "skin": 0, "translation": [50, 60, 70]})
     document.add("skins", {"joints": [0]})
     with pytest.warns(UserWarning, match="not rendered: skins of meshes without joints$"):
         (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
@@ -204,7 +181,6 @@ def morphed(*targets) -> Gltf:
     return document
 
 
-UP = np.float32([[0, 0, 1]] * 3)
 WIDE = np.float32([[0, 0, 0], [2, 0, 0], [0, 0, 0]])
 
 
@@ -213,14 +189,8 @@ def test_animated_weights(tmp_path):
     keys, slopes = np.float32([[0, 1], [1, -1]]), np.float32([[0.5, 2], [-1, 3]])
     rows = np.stack([slopes, keys, slopes], axis=1)
     document.animation((0, "weights", np.float32([0, 2]), rows.ravel(), "CUBICSPLINE"))
-    (mesh,) = quietly(document.glb(tmp_path / "a.glb"), time=0.5).meshes
-    t = 0.25
-    first, second = (
-        (2 * t**3 - 3 * t**2 + 1) * keys[0]
-        + 2 * (t**3 - 2 * t**2 + t) * slopes[0]
-        + (3 * t**2 - 2 * t**3) * keys[1]
-        + 2 * (t**3 - t**2) * slopes[1]
-    )
+    (mesh,) = load(document.glb(tmp_path / "a.glb"), time=0.5).meshes
+    first, second = cubic(0.25, 2.0, keys[0], slopes[0], keys[1], slopes[1])
     np.testing.assert_allclose(mesh.verts, CORNERS + first * UP + second * WIDE, atol=1e-7)
 
 
@@ -228,11 +198,6 @@ def test_all_attributes_are_morphed(tmp_path):
     """A normalized or sparse displacement, too."""
     target = {"TANGENT": np.float32([[0, 2, 0]] * 3), "TEXCOORD_0": np.float32([[0.5, -0.5]] * 3)}
     document = morphed({**target, "COLOR_0": np.float32([[0.5, -1, 0.25]] * 3)})
-    sparse = {
-        "count": 1,
-        "indices": {"bufferView": document.view(np.uint16([2]).tobytes()), "componentType": 5123},
-        "values": {"bufferView": document.view(np.float32([0, 0, 3]).tobytes()), "byteOffset": 0},
-    }
     attributes = {
         "TANGENT": np.float32([[1, 0, 0, -1]] * 3),
         "TEXCOORD_0": CORNERS[:, :2].copy(),
@@ -240,13 +205,11 @@ def test_all_attributes_are_morphed(tmp_path):
     }
     changes = {f"{P}.attributes.{name}": values for name, values in attributes.items()} | {
         f"{TARGET}.NORMAL": (np.int8([[127, 0, 0]] * 3), {"normalized": True}),
-        f"{TARGET}.POSITION": document.add(
-            "accessors", {"componentType": 5126, "type": "VEC3", "count": 3, "sparse": sparse}
-        ),
-        f"{P}.material": flat_normal_map(document),
+        f"{TARGET}.POSITION": document.sparse(np.uint16([2]), np.float32([[0, 0, 3]]), 3),
+        f"{P}.material": normal_map(document),
         "meshes.0.weights": [0.5],
     }
-    (mesh,) = quietly(changed(document, changes, tmp_path / "a.glb")).meshes
+    (mesh,) = load(changed(document, changes, tmp_path / "a.glb")).meshes
     assert mesh.tangents.tolist() == [[1, 1, 0, -1]] * 3
     assert mesh.uvs.tolist() == (CORNERS[:, :2] + [0.25, -0.25]).tolist()
     assert mesh.colors.tolist() == [[1, 0, 0.625]] * 3  # clamped
@@ -259,7 +222,7 @@ def test_placements_share_a_mesh_but_for_those_with_weights_of_their_own(tmp_pat
     document.json["meshes"][0]["weights"] = [0.5, 0.25]
     document.add("nodes", {"mesh": 0, "weights": [-1, 2], "translation": [3, 0, 0]})
     document.add("nodes", {"mesh": 0, "translation": [6, 0, 0]})
-    meshes = quietly(document.glb(tmp_path / "a.glb")).meshes
+    meshes = load(document.glb(tmp_path / "a.glb")).meshes
     assert [mesh.instances[:, 0, 3].tolist() for mesh in meshes] == [[0, 6], [3]]
     for mesh, first, second in zip(meshes, (0.5, -1), (0.25, 2), strict=True):
         assert mesh.verts.tolist() == (CORNERS + first * UP + second * WIDE).tolist()
@@ -270,5 +233,5 @@ def test_weights_of_a_mesh_without_morph_targets_do_not_count(tmp_path):
     document = triangle()
     for x, weights in ((0, [1, 2]), (5, "none")):
         document.add("nodes", {"mesh": 0, "translation": [x, 0, 0], "weights": weights})
-    (mesh,) = quietly(changed(document, {"meshes.0.weights": [1, 2]}, tmp_path / "a.glb")).meshes
+    (mesh,) = load(changed(document, {"meshes.0.weights": [1, 2]}, tmp_path / "a.glb")).meshes
     assert mesh.instances[:, 0, 3].tolist() == [0, 5]

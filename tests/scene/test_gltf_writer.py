@@ -1,4 +1,4 @@
-"""`Scene.to_glb`: what is written is read back, by this reader and by trimesh's."""
+"""`Scene.to_glb`: what is written is read back, by this reader and by trimesh's (test_from_trimesh.py)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from every_light import EVERY
-from scene_files import course_dict, save_npy
+from scene_files import corners_in_world, course_dict, save_npy
 
 import clshade
 from clshade.errors import InputError, OutputError
@@ -56,16 +56,6 @@ def content(path) -> dict:
         assert struct.unpack_from("<I4s", data, 20 + size) == (document["buffers"][0]["byteLength"], b"BIN\0")
     assert all(view["byteOffset"] % 4 == 0 for view in document.get("bufferViews", ()))
     return document
-
-
-def corners_in_world(scene: Scene) -> np.ndarray:
-    """Return the corners of all triangles, (F, 3, 3), in the order of meshes, placements and faces."""
-    corners = []
-    for part in scene.meshes:
-        verts = np.asarray(part.verts, np.float64)
-        for placement in np.asarray(part.instances):
-            corners.append((verts @ placement[:3, :3].T + placement[:3, 3])[part.faces])
-    return np.concatenate(corners)
 
 
 def at_corners(part: Mesh, name: str) -> np.ndarray:
@@ -155,15 +145,15 @@ def full_scene() -> Scene:
         "scalars": {"height": np.float64([1.5, -2.0, 0.25, 8.0]), "é": np.arange(4.0)},
         "instances": placements[:3],
         "instance_names": ("left", "", "ü"),
+        "uvs": UVS,
+        "tangents": np.float32([[1, 0, 0, -1]] * 4),
     }
-    coordinates = {"uvs": UVS, "more_uvs": (UVS[::-1].copy(),), "tangents": np.float32([[1, 0, 0, -1]] * 4)}
-    meshes = [mesh(**fields, **coordinates, material=material) for material in materials[:4]]
-    glass = mesh(**fields, uvs=UVS, material=materials[4], alphas=RNG.random(4).astype(np.float32))
-    meshes += [
-        replace(glass, tangents=coordinates["tangents"]),
+    meshes = [
+        *(mesh(**fields, more_uvs=(UVS[::-1].copy(),), material=material) for material in materials[:4]),
+        mesh(**fields, material=materials[4], alphas=RNG.random(4).astype(np.float32)),
         mesh(normals=UP, uvs=UVS, material=materials[5], instance_names=["a"]),
+        mesh(normals=UP, material=materials[6], instances=placements[[0, 3]], instance_names=["", "b"]),
     ]
-    meshes.append(mesh(normals=UP, material=materials[6], instances=placements[[0, 3]], instance_names=["", "b"]))
     meshes = [replace(part, name=f"mesh {number}") for number, part in enumerate(meshes)]
     camera = clshade.Camera((3, 2, 1), (0.2, 0.3, 0), (0.5, 1, 0.1), 2.0, (1.0, 2.0), (1200, 600))
     return Scene(meshes, camera, LIGHTS, ambient=0.1, preset="pbr", name="a")
@@ -172,13 +162,12 @@ def full_scene() -> Scene:
 DERIVED = {f"Material.{name}" for name in ("ka", "kd", "ks", "n")}  # Phong's parameters, by the reader
 
 
+@pytest.mark.filterwarnings("error")
 def test_all_that_a_file_can_say_comes_back(tmp_path):
     scene = full_scene()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        scene.to_glb(tmp_path / "a.glb")
-        back = clshade.load(tmp_path / "a.glb")
-        back.to_glb(tmp_path / "b.glb")
+    scene.to_glb(tmp_path / "a.glb")
+    back = clshade.load(tmp_path / "a.glb")
+    back.to_glb(tmp_path / "b.glb")
     assert set(differing(scene.meshes[:6], back.meshes[:6])) == DERIVED
     assert set(differing(scene.meshes[6], back.meshes[6])) == {"Material.n"}
     alone, copy = (replace(entry, meshes=(), camera=CAMERA, lights=()) for entry in (scene, back))
@@ -208,7 +197,7 @@ def test_a_course_file_becomes_a_mesh_of_the_same_look(tmp_path):
     scene.to_glb(tmp_path / "a.glb")
     back = clshade.load(tmp_path / "a.glb")
     (copy,), (expected,) = back.meshes, scene.meshes
-    assert corners_in_world(back).tobytes() == corners_in_world(scene).tobytes()
+    assert corners_in_world(back.meshes).tobytes() == corners_in_world(scene.meshes).tobytes()
     assert_same_camera(back.camera, scene.camera)
     normals = vertex_normals(expected.verts, expected.faces)[expected.faces]
     np.testing.assert_allclose(at_corners(copy, "normals"), normals, atol=2e-7)
@@ -260,7 +249,7 @@ def test_vertices_are_split_only_where_attributes_differ(tmp_path):
     assert at_corners(one, "normals").tolist() == [[[0, 0, 1]] * 3, [[0, 1, 0]] * 3]
     assert one.verts[one.faces].tolist() == second.verts[second.faces].tolist() == CORNERS[FACES].tolist()
     np.testing.assert_array_equal(at_corners(second, "uvs"), UVS[FACES])
-    np.testing.assert_allclose(corners_in_world(back)[4:6], verts[unused.faces], rtol=1e-7)
+    np.testing.assert_allclose(corners_in_world(back.meshes)[4:6], verts[unused.faces], rtol=1e-7)
     assert third.faces.tolist() == FACES[:, [2, 1, 0]].tolist()
     np.testing.assert_allclose(third.colors, colors[1:5], rtol=1e-7)
     assert measured.scalars["height"][measured.faces].tolist() == scalars["height"][FACES].tolist()
@@ -281,7 +270,7 @@ def test_float64_positions_keep_their_accuracy(tmp_path, offset, scale):
     if scale == 1.0:
         faces = RNG.integers(0, 50, (30, 3))
         scene, _ = written(tmp_path, mesh(verts=verts, faces=faces))
-        error = np.abs(corners_in_world(scene) - verts[faces]).max()
+        error = np.abs(corners_in_world(scene.meshes) - verts[faces]).max()
         assert error <= 2.0**-24 * 1.01 + 4e-16 * abs(offset)
 
 
@@ -292,7 +281,7 @@ def test_parts_in_float64_stay_one_object(tmp_path):
     scene, _ = written(tmp_path, *parts)
     assert object_names(scene) == ["car"]
     assert content(tmp_path / "a.glb")["nodes"][0]["name"] == "left"
-    assert np.abs(corners_in_world(scene)[1] - parts[1].verts).max() <= 2.0**-22
+    assert np.abs(corners_in_world(scene.meshes)[1] - parts[1].verts).max() <= 2.0**-22
 
 
 @pytest.mark.parametrize("count", [65535, 65536])
@@ -303,7 +292,7 @@ def test_indices_are_as_wide_as_they_need(tmp_path, count):
     verts[-1, 1] = 1.0
     rest = np.minimum(np.arange(2, 2 + count // 3 * 3), count - 1).reshape(-1, 3)
     back, _ = written(tmp_path, mesh(verts=verts, faces=np.vstack([[[0, 1, count - 1]], rest])))
-    assert corners_in_world(back)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
+    assert corners_in_world(back.meshes)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
     accessors = content(tmp_path / "a.glb")["accessors"]
     assert accessors[-1]["componentType"] == (5123 if count == 65535 else 5125)
 
@@ -398,8 +387,6 @@ def test_what_the_file_cannot_say_is_told_once(tmp_path):
     assert back.lights[-1].outer_cone == 90.0
 
 
-# Refusals
-
 FAR = np.diag([1e200, 1e200, 1e200, 1.0])[None]
 
 
@@ -423,31 +410,6 @@ def test_refused(folder, monkeypatch, changes, message):
         Scene(**fields).to_glb(path)
     assert isinstance(caught.value, OutputError) or str(caught.value).startswith("to_glb: ")
     assert not list(folder.iterdir())
-
-
-# Another reader
-
-
-def test_trimesh_reads_it(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    texture = eight_bits((4, 5, 3), srgb=True, name="skin")
-    placements = np.stack([np.eye(4), np.diag([2.0, 2.0, 2.0, 1.0])])
-    placements[1, :3, 3] = 1, 2, 3
-    painted = mesh(uvs=UVS, material=Material(texture=texture, pbr=MetallicRoughness(0.25, 0.5)), name="painted")
-    colored = mesh(colors=np.eye(4)[:, :3], instances=placements, name="colored")
-    Scene((painted, colored), CAMERA, LIGHTS).to_glb(tmp_path / "a.glb")
-    loaded = trimesh.load(tmp_path / "a.glb")
-    assert len(loaded.graph.nodes_geometry) == 3
-    corners = corners_in_world(clshade.load(tmp_path / "a.glb"))
-    assert sorted(np.reshape(loaded.triangles, (-1, 9)).tolist()) == sorted(np.reshape(corners, (-1, 9)).tolist())
-    one, second = loaded.geometry["painted"], loaded.geometry["colored"]
-    codes = np.asarray(one.visual.material.baseColorTexture.convert("RGB"))
-    assert srgb_to_linear(codes / 255.0).astype(np.float32).tobytes() == texture.image.tobytes()
-    assert (one.visual.material.metallicFactor, one.visual.material.roughnessFactor) == (0.25, 0.5)
-    np.testing.assert_allclose(one.visual.uv, UVS * [1, -1] + [0, 1], atol=1e-7)
-    assert second.visual.vertex_attributes["color"].tolist() == np.eye(4)[:, :3].tolist()
-    assert loaded.has_camera
-    np.testing.assert_allclose(loaded.camera.fov[1], 40.0, rtol=1e-9)
 
 
 def test_trimesh_reads_halves_of_surrogate_pairs(tmp_path):

@@ -16,13 +16,7 @@ from clshade.scene import framing, geometry
 from clshade.scene.formats.load import load
 from clshade.scene.formats.table import BY_EXTENSION, EXTENSIONS, extensions_with
 
-
-def cube_of(size: int) -> str:
-    corners = [f"v {x} {y} {z}\n" for x in (-size, size) for y in (-size, size) for z in (-size, size)]
-    return "".join(corners) + "f 1 2 4 3\nf 5 6 8 7\n"
-
-
-CUBE = cube_of(1)
+CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)) + "f 1 2 4 3\nf 5 6 8 7\n"
 
 
 @pytest.fixture

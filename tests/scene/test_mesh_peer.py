@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scene_files import write
+from scene_files import corners_in_world, write
 
 from clshade.scene.formats.load import load
 
@@ -14,15 +14,6 @@ KNOBBLY = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
 KNOBBLY.vertices += 0.1 * np.sin(5 * KNOBBLY.vertices[:, ::-1])
 
 
-def corners(scene) -> np.ndarray:
-    """Return the corners (F, 3, 3) of all triangles in world space, in face order."""
-    parts = []
-    for mesh in scene.meshes:
-        for matrix in np.asarray(mesh.instances):
-            parts.append((mesh.verts.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.faces])
-    return np.concatenate(parts)
-
-
 @pytest.mark.parametrize("kind", ["obj", "ply", "ply_ascii", "stl", "stl_ascii", "glb"])
 def test_corners_come_back(tmp_path, kind):
     name, _, text = kind.partition("_")
@@ -30,21 +21,19 @@ def test_corners_come_back(tmp_path, kind):
         data = trimesh.exchange.ply.export_ply(KNOBBLY, encoding="ascii" if text else "binary")
     else:
         data = KNOBBLY.export(file_type=kind)
-    triangles = corners(load(write(tmp_path / f"a.{name}", data)))
+    triangles = corners_in_world(load(write(tmp_path / f"a.{name}", data)).meshes)
     tolerance = 3e-7 if kind in ("ply", "stl", "glb") else 3e-6  # float32 at 2.1, or the digits of the text
     np.testing.assert_allclose(triangles, KNOBBLY.triangles, atol=tolerance)
 
 
 def test_a_tree_of_nodes(tmp_path):
     scene = trimesh.Scene()
-    placements = [
-        trimesh.transformations.random_rotation_matrix(num) for num in np.random.default_rng(2).random((3, 3))
-    ]
+    placements = [*map(trimesh.transformations.random_rotation_matrix, np.random.default_rng(2).random((3, 3)))]
     placements[1][:3, 3], placements[2][:3, 0] = [3, 1, 2], -placements[2][:3, 0]  # the last one mirrors
     scene.add_geometry(KNOBBLY, node_name="a", geom_name="k", transform=placements[0])
     for parent, node, placement in (("a", "b", placements[1]), ("b", "c", placements[2])):
         scene.graph.update(node, frame_from=parent, matrix=placement, geometry="k")
-    triangles = corners(load(write(tmp_path / "a.glb", scene.export(file_type="glb"))))
+    triangles = corners_in_world(load(write(tmp_path / "a.glb", scene.export(file_type="glb"))).meshes)
     world = [placements[0], placements[0] @ placements[1], placements[0] @ placements[1] @ placements[2]]
     expected = [KNOBBLY.triangles @ matrix[:3, :3].T + matrix[:3, 3] for matrix in world]
     assert len(triangles) == 3 * len(KNOBBLY.faces)

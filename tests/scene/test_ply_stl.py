@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from mesh_writers import ply, stl, stl_text
+from mesh_writers import ply, properties, stl, stl_text
 from PIL import Image
 from scene_files import scene_and_warnings, write
 
@@ -18,22 +18,17 @@ from clshade.scene.formats.load import load
 
 RNG = np.random.default_rng(6)
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
-XYZ = "property float x\nproperty float y\nproperty float z\n"
+XYZ, NORMALS, RGB = properties("float", "x y z"), properties("float", "nx ny nz"), properties("uchar", "red green blue")
 VERTS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5]]
 POINTS = [("3f", row) for row in VERTS]
 HEAD = f"comment x\nelement vertex 4\n{XYZ}"
-NORMALS = "".join(f"property float n{axis}\n" for axis in "xyz")
 FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_polygons_become_fans(tmp_path, form):
-    for lists in (
-        [[0, 1, 2], [1, 3, 2]],
-        [[0, 1, 3, 2]],
-        [[0, 1, 2], [0, 1, 3, 2], [3, 2, 1]],
-        [[2, 3, 1], [2, 3, 1, 0]],
-    ):
+    half, whole = [0, 1, 2], [0, 1, 3, 2]
+    for lists in ([half, [1, 3, 2]], [whole], [half, whole, [3, 2, 1]], [[2, 3, 1], [2, 3, 1, 0]]):
         rows = POINTS + [(f"B{len(row)}i", [len(row), *row]) for row in lists]
         path = write(tmp_path / "a.ply", ply(form, HEAD + FACES.format(len(lists)), rows))
         scene, messages = scene_and_warnings(path)
@@ -61,8 +56,8 @@ def test_faces_may_stand_before_vertices(tmp_path, form, corners):
 @pytest.mark.parametrize("form", FORMS)
 def test_strips_colors_normals_and_coordinates(tmp_path, form):
     strip = [0, 1, 2, 3, -1, 3, 2, -1, 2, 1, 0]
-    header = HEAD + NORMALS + "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-    header += "property float s\nproperty float t\nelement tristrips 2\nproperty list int int vertex_indices\n"
+    header = HEAD + NORMALS + RGB + properties("float", "s t")
+    header += "element tristrips 2\nproperty list int int vertex_indices\n"
     rows = [("6f3B2f", [*row, 0.0, 0.0, 2.0, 255, 0, 128, 0.25, 0.75]) for row in VERTS]
     rows += [(f"{len(strip) + 1}i", [len(strip), *strip]), ("4i", [3, 1, 2, 3])]
     path = write(tmp_path / "a.ply", ply(form, header, rows))
@@ -82,19 +77,19 @@ DART = [[0.0, 4.0, 0.0], [0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [2.0
 def test_corners_keep_their_coordinates_and_faces_their_colors(tmp_path, form):
     """However polygons are cut."""
     header = f"comment TextureFile my image.png\nelement vertex 5\n{XYZ}{FACES.format(2)}"
-    header += "property list uchar float texcoord\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    header += f"property list uchar float texcoord\n{RGB}"
     rows = [("3f", corner) for corner in DART]
     for face, color in (([3, 4, 0, 1, 2], 188), ([2, 1, 0], 0)):
         uvs = [value for corner in face for value in DART[corner][:2]]
         rows.append((f"B{len(face)}iB{len(uvs)}f3B", [len(face), *face, len(uvs), *uvs, color, 255, color]))
-    Image.new("RGB", (3, 2)).save(tmp_path / "my image.png")
+    Image.new("RGB", (3, 2), (188, 188, 188)).save(tmp_path / "my image.png")
     (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
-    assert mesh.material.texture.image.shape == (2, 3, 3)
+    red = np.float32(srgb_to_linear(np.array(188 / 255)))
+    assert np.array_equal(mesh.material.texture.image, np.full((2, 3, 3), red))
     points, uvs = mesh.verts[mesh.faces], mesh.uvs[mesh.uv_faces]
     areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[:, 2] / 2
     assert (areas[:3].min() > 0, areas[:3].sum(), areas[3]) == (True, 10, -8)
     assert np.array_equal(np.stack([uvs[:, :, 0], 1 - uvs[:, :, 1]], 2), points[:, :, :2])
-    red = np.float32(srgb_to_linear(np.array(188 / 255)))
     assert mesh.colors[mesh.faces].tolist() == [[[red, 1, red]] * 3] * 3 + [[[0, 1, 0]] * 3]
     faces = [[DART.index(corner) for corner in face] for face in points.tolist()]
     smooth = geometry.vertex_normals(DART, faces)[faces]
@@ -121,12 +116,12 @@ COLORS = [("uchar", 188), ("float", 188 / 255), ("int", 188), ("float", 188.0), 
 def test_colors_are_codes_of_any_type_and_blend(tmp_path, kind, code, of):
     """The same in a PLY file of any type, and in an OBJ file: codes of sRGB, or linear on demand, and alpha."""
     rgba = f"{code:.9g} 0 {code / 188 * 255:.9g} {code / 188 * 51:.9g}"
-    properties = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue", "alpha"))
+    rgba_of = properties(kind, "red green blue alpha")
     faces, points = FACES.format(1), [f"{x} {y} {z}" for x, y, z in VERTS]
     colored = "\n".join(f"{point} {rgba}" for point in points)
-    header, rows = HEAD + properties + faces, f"{colored}\n3 0 1 2\n"
+    header, rows = HEAD + rgba_of + faces, f"{colored}\n3 0 1 2\n"
     if of == "face":
-        header, rows = HEAD + faces + properties, "\n".join([*points, f"3 0 1 2 {rgba}\n"])
+        header, rows = HEAD + faces + rgba_of, "\n".join([*points, f"3 0 1 2 {rgba}\n"])
     paths = [write(tmp_path / "a.ply", f"ply\nformat ascii 1.0\n{header}end_header\n{rows}")]
     if kind == "float":
         paths.append(write(tmp_path / "a.obj", re.sub("^", "v ", colored, flags=re.MULTILINE) + "\nf 1 2 3\n"))
@@ -146,9 +141,8 @@ def test_colors_are_codes_of_any_type_and_blend(tmp_path, kind, code, of):
     [("nan 0 0 1", "colors that are not finite became white: 4"), ("0 0 0 0", "alphas, which are all 0, became 1")],
 )
 def test_normals_and_colors_that_are_none(tmp_path, color, remark):
-    color_names = "".join(f"property float {name}\n" for name in "rgba")
     lines = "".join(f"{x} {y} {z} {normal} {color}\n" for (x, y, z), normal in zip(VERTS, 4 * ["0 0 nan"], strict=True))
-    header = f"ply\nformat ascii 1.0\nelement vertex 4\n{XYZ}{NORMALS}{color_names}{FACES.format(1)}end_header\n"
+    header = f"ply\nformat ascii 1.0\n{HEAD}{NORMALS}{properties('float', 'r g b a')}{FACES.format(1)}end_header\n"
     scene, messages = scene_and_warnings(write(tmp_path / "a.ply", header + lines + "3 0 1 2\n"))
     (mesh,) = scene.meshes
     assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]
@@ -173,14 +167,13 @@ def test_both_sides_are_lit_unless_asked_otherwise(tmp_path):
 @pytest.mark.parametrize("colored", [False, True])
 def test_faces_against_the_files_normals_are_turned(tmp_path, colored):
     head = HEAD + NORMALS
-    color = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")) if colored else ""
     lists = "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
     points = [("6f", [*VERTS[k], 0.0, 0.0, 1.0]) for k in range(4)]
     rows = []
     for face in ([0, 1, 2], [1, 2, 3]):  # the second one is clockwise
         uvs = [value for k in face for value in (k / 4, 1.0)]
         rows.append(("B3iB6f" + "3B" * colored, [3, *face, 6, *uvs] + [255, 0, 255] * colored))
-    data = ply("binary_little_endian", head + f"element face 2\n{lists}{color}", points + rows)
+    data = ply("binary_little_endian", head + f"element face 2\n{lists}{RGB * colored}", points + rows)
     mesh = load(write(tmp_path / "a.ply", data)).meshes[0]
     assert mesh.verts[mesh.faces].tolist() == [[VERTS[0], VERTS[1], VERTS[2]], [VERTS[1], VERTS[3], VERTS[2]]]
     assert mesh.uvs[mesh.uv_faces][:, :, 0].tolist() == [[0, 0.25, 0.5], [0.25, 0.75, 0.5]]

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 import pytest
-from mesh_writers import CORNERS, INDICES, Gltf, ply, png
+from mesh_writers import CORNERS, INDICES, UVS, Gltf, ply, png, properties
 from scene_files import TRIANGLE, png_header, refusal, scene_and_warnings, write
 
 from clshade import load
@@ -18,7 +18,6 @@ from clshade.base import input_files
 from clshade.scene.formats import reading
 
 PNG = png(np.zeros((2, 3, 3), np.uint8))
-UVS = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 ENDINGS = ("obj", "gltf", "ply")
 FOREIGN = [
     *("/srv/a.png", "../a.png", "sub/../../a.png", "sub/a.png", "file:///srv/a.png", "http://localhost/a.png"),
@@ -33,8 +32,7 @@ def textured(folder, ending: str, *references: str) -> str:
         write(folder / "a.mtl", "".join(f"newmtl m{k}\nmap_Kd {name}\n" for k, name in enumerate(references)))
         return write(folder / "a.obj", text + "".join(f"usemtl m{k}\nf 1/1 2/2 3/3\n" for k in range(len(references))))
     if ending == "ply":
-        header = f"comment TextureFile {references[0]}\nelement vertex 3\n"
-        header += "".join(f"property float {name}\n" for name in "xyzuv")
+        header = f"comment TextureFile {references[0]}\nelement vertex 3\n{properties('float', 'x y z u v')}"
         header += "element face 1\nproperty list uchar int vertex_indices\n"
         rows = [("5f", [*corner, *uv]) for corner, uv in zip(CORNERS, UVS, strict=True)]
         return write(folder / "a.ply", ply("ascii", header, [*rows, ("B3i", [3, 0, 1, 2])]))
@@ -57,9 +55,7 @@ def loaded(path) -> tuple[list[tuple[int, ...] | None], list[str]]:
 @pytest.mark.parametrize(
     ("name", "ending"), [*((name, "obj") for name in FOREIGN), ("c:a.png", "gltf"), ("c:a.png", "ply")]
 )
-def test_the_file_of_that_name_beside_the_scene_stands_for_a_path_that_leads_nowhere(
-    tmp_path, monkeypatch, name, ending
-):
+def test_a_file_of_that_name_beside_the_scene_stands_for_a_path_that_leads_nowhere(tmp_path, monkeypatch, name, ending):
     folder, opened = tmp_path / "scene", []
     path = textured(folder, ending, name)
     (folder / "sub").mkdir()
@@ -230,11 +226,8 @@ def test_a_store_gives_its_own_files_alone(tmp_path, layout):
     path = store(layout, tmp_path, scene, *(part for part in parts if part.name != "a.png"))
     image, link = tmp_path / "a" / "a.png", tmp_path / os.path.dirname(path) / "a.png"
     private, unnamed = (layout(top, "a.png", image.read_bytes())[1] for top in (tmp_path / "private", tmp_path))
-    unnamed = (
-        unnamed.parents[1] / "WORM-s1-m1--a.png" / "WORM-s1-m1--a.png"
-        if ".git" in unnamed.parts
-        else unnamed.with_name("a")
-    )
+    key = "WORM-s1-m1--a.png"
+    unnamed = unnamed.parents[1] / key / key if ".git" in unnamed.parts else unnamed.with_name("a")
     for decoy in (private, unnamed):
         decoy.parent.mkdir(parents=True, exist_ok=True)
         decoy.write_bytes(image.read_bytes())

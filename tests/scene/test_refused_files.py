@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_writers import ply, stl, stl_text
+from mesh_writers import ply, properties, stl, stl_text
 from scene_files import TEXTURED, TRIANGLE, course_dict, npy_of_pickle, pickled_array, refusal, save_npy, write
 
 from clshade.scene.formats import obj, text_tokens
@@ -18,8 +18,8 @@ from clshade.scene.formats import ply as ply_format
 from clshade.scene.formats import stl as stl_format
 from clshade.scene.formats.load import load
 
-XYZ = "property float x\nproperty float y\nproperty float z\n"
-HEAD = f"comment x\nelement vertex 4\n{XYZ}element face 1\nproperty list uchar int vertex_indices\n"
+HEAD = f"comment x\nelement vertex 4\n{properties('float', 'x y z')}"
+HEAD += "element face 1\nproperty list uchar int vertex_indices\n"
 POINTS = [("3f", row) for row in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5])]
 PLY = ply("ascii", HEAD, [*POINTS, ("B3i", [3, 0, 1, 2])]).decode()
 BINARY = ply("binary_little_endian", HEAD, [*POINTS, ("B3i", [3, 0, 1, 2])])
@@ -87,11 +87,7 @@ PLY_CHANGES = [
     ("3 0 1 2", "3 0 1 2 9", "rows: "),
     ("1.0 1.0 0.5", "1.0 nan 0.5", "element vertex: row 3: y: …nan"),
     ("1.0 1.0 0.5", "1.0 abc 0.5", "line 14: expected numbers, found 'abc'"),
-    (
-        "int vertex_indices\n",
-        "int vertex_indices\nproperty list uchar float texcoord\n",
-        "element face: row 0: texcoord",
-    ),
+    ("vertex_indices\n", "vertex_indices\nproperty list uchar float texcoord\n", "element face: row 0: texcoord"),
 ]
 BINARY_PLY = [
     (BINARY[:-1], "element face: "),
@@ -180,9 +176,6 @@ def test_textures_without_coordinates(tmp_path):
         (npy_of_pickle(tmp_path / "a.npy", course), "uvs"),
     ):
         refused(path, f"{field}: expected ", texture=np.ones((1, 1, 3)))
-
-
-# Material libraries
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import json
 import os
-import shutil
 import signal
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 from every_light import EVERY, default_of
 from mapped_scenes import mapped, normal_image
+from mesh_writers import REMOVED, change
 from processes import python
 from scene_files import refusal, same, write
 
@@ -181,23 +181,14 @@ def test_options_of_loading(tmp_path):
 
 # Refusals
 
-REMOVED = object()
 MESH = ("scene", "meshes", 0)
 WIDE = {"type": "float64", "shape": [0, (1 << 30) - 1, (1 << 30) - 1], "offset": 0}
 
 
 def changed(path, *keys: Any, value: Any) -> str:
-    """Change one value of a scene file, or remove its key."""
     document = json.loads(path.read_text())
-    inner = document
-    for key in keys[:-1]:
-        inner = inner[key]
-    if value is REMOVED:
-        del inner[keys[-1]]
-    else:
-        inner[keys[-1]] = value
-    path.write_text(json.dumps(document))
-    return str(path)
+    change(document, keys, value)
+    return write(path, json.dumps(document))
 
 
 def arrays_of(path: Path) -> Path:
@@ -205,17 +196,11 @@ def arrays_of(path: Path) -> Path:
     return path.with_name(json.loads(path.read_text())["arrays"]["file"])
 
 
-@pytest.fixture(scope="module")
-def folder_of_full_scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("saved")
-    full_scene().to_json(folder / "a.json")
-    return folder
-
-
 @pytest.fixture
-def saved(folder_of_full_scene, tmp_path):
+def saved(tmp_path):
     """Return the path of a scene file with all that a scene may hold."""
-    return Path(shutil.copytree(folder_of_full_scene, tmp_path, dirs_exist_ok=True)) / "a.json"
+    full_scene().to_json(tmp_path / "a.json")
+    return tmp_path / "a.json"
 
 
 @pytest.mark.parametrize("value", [REMOVED, None])

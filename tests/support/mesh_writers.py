@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import struct
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,10 @@ _COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 INDICES = np.array([0, 1, 2], np.uint16)
+UP, UVS = np.float32([[0, 0, 1]] * 3), np.float32([[0, 0], [1, 0], [0, 1]])
+TIMES = np.array([0.5, 1.0, 3.0], np.float32)
+PLACES = np.array([[1, 0, 0], [3, -2, 5], [-1, 4, 5]], np.float32)  # at these times
+REMOVED = object()
 
 
 class Gltf:
@@ -42,6 +47,17 @@ class Gltf:
         }
         self.json["accessors"].append(entry)
         return len(self.json["accessors"]) - 1
+
+    def sparse(self, rows: Any, values: Any, count: int) -> int:
+        """Add an accessor of vectors that are 0 except in some rows."""
+        indices = {"bufferView": self.view(rows.tobytes()), "componentType": _COMPONENTS[str(rows.dtype)]}
+        parts = {"count": len(rows), "indices": indices, "values": {"bufferView": self.view(values.tobytes())}}
+        return self.add("accessors", {"componentType": 5126, "type": "VEC3", "count": count, "sparse": parts})
+
+    def texture(self, pixels: np.ndarray) -> int:
+        """Add a texture with an image of its own."""
+        image = {"bufferView": self.view(png(pixels)), "mimeType": "image/png"}
+        return self.add("textures", {"source": self.add("images", image)})
 
     def mesh(self, attributes: dict[str, Any], indices: Any = None, **fields: Any) -> int:
         """Add a mesh of one primitive; arrays become accessors, integers are indices of accessors."""
@@ -81,6 +97,33 @@ class Gltf:
         return str(path)
 
 
+def change(document: Any, keys: Iterable[Any], value: Any) -> None:
+    """Change one value of a document of JSON, or remove its key."""
+    *outer, last = keys
+    for key in outer:
+        document = document[key]
+    if value is REMOVED:
+        del document[last]
+    else:
+        document[last] = value
+
+
+def changed(document: Gltf, changes: dict[str, Any], path) -> str:
+    """Write a document of which values were changed by their places, with dots between keys. Arrays become accessors, as do
+    pairs of an array and fields of its accessor."""
+    accessors = {}
+    for place, value in changes.items():
+        if isinstance(value, np.ndarray):
+            accessors[place] = document.accessor(value)
+        elif isinstance(value, tuple):
+            accessors[place] = document.accessor(value[0], **value[1])
+    document.glb(path)
+    for place, value in {**changes, **accessors}.items():
+        change(document.json, (int(key) if key.isdigit() else key for key in place.split(".")), value)
+    path.write_bytes(pack_glb(json.dumps(document.json).encode(), document.data))
+    return str(path)
+
+
 def pack_glb(text: bytes, binary: bytes | None) -> bytes:
     text += b" " * (-len(text) % 4)
     body = struct.pack("<I4s", len(text), b"JSON") + text
@@ -90,10 +133,12 @@ def pack_glb(text: bytes, binary: bytes | None) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
-def triangle(**fields: Any) -> Gltf:
-    """Return a document of one triangle, without nodes."""
+def triangle(node: dict[str, Any] | None = None, **fields: Any) -> Gltf:
+    """Return a document of one triangle, with one node or none. fields: of its primitive."""
     document = Gltf()
     document.mesh({"POSITION": CORNERS}, INDICES, **fields)
+    if node is not None:
+        document.add("nodes", node)
     return document
 
 
@@ -119,21 +164,20 @@ def bar(inverse: bool = True, **fields: Any) -> Gltf:
     return document
 
 
+def cubic(t: float, step: float, before: Any, leaving: Any, after: Any, arriving: Any) -> Any:
+    """Return what lies at t of a cubic spline between two times: the specification's sum, appendix C.5, in another order."""
+    keys = (2 * t**3 - 3 * t**2 + 1) * before + (3 * t**2 - 2 * t**3) * after
+    return keys + step * ((t**3 - 2 * t**2 + t) * leaving + (t**3 - t**2) * arriving)
+
+
 def png(pixels: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG")
     return buffer.getvalue()
 
 
-def textured(document: Gltf, pixels: np.ndarray, material: dict, uvs=None, **info) -> None:
-    """Add a textured material and a triangle with it."""
-    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
-    reflection = material.setdefault("pbrMetallicRoughness", {})
-    reflection["baseColorTexture"] = {"index": 0, **info}
-    index = document.add("materials", material)
-    uvs = np.array([[0, 0], [1, 0], [0, 1]], np.float32) if uvs is None else uvs
-    document.mesh({"POSITION": CORNERS, "TEXCOORD_0": uvs}, INDICES, material=index)
+def properties(kind: str, names: str) -> str:
+    return "".join(f"property {kind} {name}\n" for name in names.split())
 
 
 def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:
@@ -168,18 +212,15 @@ def spheres(path) -> str:
     phi, theta = (a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, across), np.linspace(0, np.pi, up)))
     normals = np.stack([np.sin(theta) * np.cos(phi), -np.cos(theta), np.sin(theta) * np.sin(phi)], 1)
     uvs = np.stack([phi / (2 * np.pi), theta / np.pi], 1)
-    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).reshape(-1)
-    faces = np.concatenate(
-        [np.stack([first, first + across, first + 1], 1), np.stack([first + 1, first + across, first + across + 1], 1)]
-    )
+    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).reshape(-1, 1)
+    faces = np.concatenate([first + [0, across, 1], first + [1, across, across + 1]])
     shape = {
         "POSITION": document.accessor((0.45 * normals).astype(np.float32)),
         "NORMAL": document.accessor(normals.astype(np.float32)),
         "TEXCOORD_0": document.accessor(uvs.astype(np.float32)),
     }
     pixels = np.random.default_rng(5).integers(0, 256, (4, 6, 3)).astype(np.uint8)
-    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
-    document.add("textures", {"source": 0})
+    document.texture(pixels)
     for row, column in np.ndindex(2, 3):
         worn: dict[str, Any] = {"metallicFactor": float(row), "roughnessFactor": 0.1 + 0.4 * column}
         worn["baseColorFactor"] = [0.9, 0.6, 0.3, 1.0]

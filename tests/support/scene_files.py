@@ -7,6 +7,7 @@ import pickle
 import struct
 import warnings
 import zlib
+from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -14,8 +15,10 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
+from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
-from clshade.scene.model import Scene
+from clshade.scene.geometry import camera_axes
+from clshade.scene.model import Mesh, Scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
@@ -94,10 +97,25 @@ def scene_and_warnings(path, **options: Any) -> tuple[Scene, list[str]]:
     return scene, messages
 
 
-def refusal(path, *parts: str, **options: Any) -> str:
+def corners_in_world(meshes: Iterable[Mesh]) -> np.ndarray:
+    """Return the corners of all triangles, (F, 3, 3), in the order of meshes, placements and faces."""
+    placed = ((mesh, matrix) for mesh in meshes for matrix in np.asarray(mesh.instances))
+    return np.concatenate([(mesh.verts @ m[:3, :3].T + m[:3, 3])[mesh.faces] for mesh, m in placed])
+
+
+def ends_in_image(camera: Camera, meshes: Iterable[Mesh]) -> np.ndarray:
+    """Return the least and the greatest image coordinates of the corners, (2, 2): from -1 to 1 inside the image."""
+    x, y, z = camera_axes(camera) @ (corners_in_world(meshes).reshape(-1, 3) - camera.eye).T
+    assert (z > 0.0).all()
+    depth = 1.0 if camera.orthographic else z / camera.focal
+    points = np.stack([x, y], axis=1) / np.reshape(depth, (-1, 1)) / camera.plane[::-1] * 2.0
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def refusal(path, *parts: str, read: Callable[..., Any] = load, **options: Any) -> str:
     """Return the message that refuses a file: one line that contains the file's name and the given parts."""
     with pytest.raises(InputError) as caught:
-        load(path, **options)
+        read(path, **options)
     text = str(caught.value)
     assert text.isprintable()
     for part in (*parts, "expected", "found"):
