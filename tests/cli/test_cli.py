@@ -1,7 +1,4 @@
-"""The command line: files, exit codes, one line on stderr for any refusal, and nothing left behind; help; quiet and verbose;
-and `render` of several scenes."""
-
-from __future__ import annotations
+"""The command line: files, exit codes, refusals, interrupts, standard output, help; `render` of several scenes."""
 
 import json
 import os
@@ -26,9 +23,6 @@ from clshade.pipeline.frame_results import RECORD, SEAL
 
 SIZE = ("--resolution", "32,24")
 FACE = TRIANGLE + "f 1 2 3\n"
-
-
-# Rendering
 
 
 @needs_device
@@ -63,11 +57,7 @@ def test_options_reach_the_image(folder, capsys):
     assert picture.mean() > dark_picture.mean() + 5
 
 
-# Refusals and interrupts
-
-
 def test_a_refusal_as_a_process(tmp_path, capsys):
-    """Exit code, one line, no traceback, as seen by a shell."""
     done = process("render", "none.obj", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert len(without_notices(done.stderr)) == 1
@@ -77,10 +67,9 @@ def test_a_refusal_as_a_process(tmp_path, capsys):
         run(capsys, "--debug", "render", "none.obj")
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "line"),
-    [(MemoryError("9 GiB\nwanted"), 2, "out of memory: 9 GiB wanted"), (KeyboardInterrupt(), 130, "interrupted")],
-)
+@pytest.mark.parametrize(("error", "code", "line"), [
+    (MemoryError("9 GiB\nwanted"), 2, "out of memory: 9 GiB wanted"), (KeyboardInterrupt(), 130, "interrupted"),
+])  # fmt: skip
 def test_out_of_memory_and_interrupted(capsys, monkeypatch, error, code, line):
     monkeypatch.setattr(render, "load_scene", Mock(side_effect=error))
     monkeypatch.setattr(interrupts, "_told", threading.Lock())  # another test of this process may have been interrupted
@@ -114,9 +103,6 @@ if {module!r} == "_signal":  # not imported any more: between the imports and th
     assert listing(tmp_path) == ["sitecustomize.py"]
 
 
-# Standard output
-
-
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 @pytest.mark.parametrize("arguments", [("--help",), ("inspect", "a.exr")])
 def test_standard_output_that_is_full_or_read_by_nobody(tmp_path, arguments):
@@ -130,9 +116,6 @@ def test_standard_output_that_is_full_or_read_by_nobody(tmp_path, arguments):
     done = process(*arguments, cwd=tmp_path, stdout=writer)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, "")
-
-
-# Help
 
 
 def options_in(help_text):
@@ -174,12 +157,8 @@ def test_devices_as_json(capsys):
     assert tuple(info["index"] for info in listed) == working_devices()
 
 
-# Several scenes
-
-
 @needs_device
 def test_several_scenes_go_to_a_folder(folder, capsys):
-    """Each under its name; a bad one, or one that refuses an option, does not stop the others."""
     for name, text in (("a.jpg.obj", FACE), ("bad.obj", "v 1 2\n"), ("c.v2.obj", FACE)):
         write(folder / "in" / name, text)
     scenes = ["in/a.jpg.obj", "in/bad.obj", "in/c.v2.obj", "in/none.obj", "quads"]
@@ -203,12 +182,8 @@ def test_scenes_of_one_name_are_refused_before_any_is_loaded(folder, capsys, mon
     assert listing(folder) == []
 
 
-# Verbosity
-
-
 @needs_device
 def test_quiet_and_verbose(tmp_path, capsys):
-    """Before or after the name of the command."""
     mesh = write(tmp_path / "a.obj", "mtllib none.mtl\n" + FACE)
     command = ("render", mesh, *SIZE, "--look", "plain", "-o", tmp_path / "out")
     assert run(capsys, *command, "--quiet") == (0, "", [])

@@ -1,10 +1,9 @@
-"""Options of scenes: the scene, the camera and the settings that they make, what is chosen where they say nothing, notices,
-and what an image's header says of them."""
+"""Options as classes declare them; the scene and the settings that they make, or that are chosen without them; notices."""
 
-from __future__ import annotations
-
+import argparse
 import json
 import warnings
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -14,13 +13,15 @@ from scene_files import DATA, ROOF, course_dict, save_npy, write
 
 import clshade
 from clshade.cli import DONE, render
+from clshade.cli.main import _parser
+from clshade.cli.options import Arguments, Option, add_options
 from clshade.images import exr
 from clshade.scene import framing
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.formats import load
 from clshade.scene.geometry import bounding_box, camera_axes, half_diagonal, vertex_normals
-from clshade.scene.model import Scene
-from clshade.scene.settings import Edges
+from clshade.scene.model import Scene, Settings
+from clshade.scene.settings import LIGHT_FIELDS, PRESET_FIELDS, Edges
 
 SQUARE = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n"
 SEAM = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0 0 0\nv 0 1 0\nv 0.9 0 -0.3\nf 1 2 3\nf 5 4 6\n"  # the roof in two pieces
@@ -39,9 +40,6 @@ def files(folder):
     document.add("nodes", {"camera": 0, "translation": [0, 0, 9]})
     document.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
     clshade.load(document.glb(folder / "own.glb")).to_json(folder / "own.json")
-
-
-# The scene
 
 
 def normals(scene: Scene):
@@ -105,7 +103,6 @@ SCENES = [
     *((extent, f"square.obj {options}", framing.FILL) for options in FITTED),
     *((extent, f"own.glb {options}", framing.FILL) for options in ("", "--camera fit", "--camera-azimuth-angle 99")),
     (extent, "icosphere --fit", framing.FILL),
-    # Lights
     (lights, "quads", (2, True)),
     (lambda scene: scene.lights[0].position.tolist(), "quads --lights 1", builtin("quads").lights[1].position.tolist()),
     (terms, "quads --components ambient,specular", [True, False, True]),
@@ -116,7 +113,6 @@ SCENES = [
         (lambda scene: len(scene.lights), f"own.glb --light-intensity 1,2,0 {options}", 3)
         for options in ("--preset standard", "--shader phong", "--environment none", "--lights 0,1,2")
     ),
-    # Environments
     (around, "teapot --environment studio --environment-rotation 30 --environment-intensity 2", (30.0, 2.0, UP)),
     (around, "roof.obj --environment-intensity 2", (0.0, 2.0, UP)),
     (around, "roof.obj --environment sky.exr --up z", (0.0, 1.0, [0, 0, 1])),
@@ -163,23 +159,18 @@ def test_up(up):
     assert np.array_equal(np.cross(axes[0], axes[1]), axes[2])
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "up", "likely"),
-    [
-        ((-120, -173, -252), (120, 180, 233), "y", "z"),  # a bust, about 0
-        ((-1, -0.4, 0), (1, 0.4, 3), "y", "z"),  # a person on z = 0
-        ((-0.2, -0.17, -0.5), (0.2, 0.17, 0.5), "y", None),  # a car lies
-        ((-1, 0, -1), (1, 3, 1), "z", "y"),
-        ((-1, -1, 0), (1, 1, 0.05), "y", None),  # a relief
-        ((0, 0, 0), (0, 0, 0), "y", None),
-        ((-1, -1, 0), (1, 1, 1), "x", None),
-    ],
-)
+@pytest.mark.parametrize(("low", "high", "up", "likely"), [
+    ((-120, -173, -252), (120, 180, 233), "y", "z"),  # a bust, about 0
+    ((-1, -0.4, 0), (1, 0.4, 3), "y", "z"),  # a person on z = 0
+    ((-0.2, -0.17, -0.5), (0.2, 0.17, 0.5), "y", None),  # a car lies
+    ((-1, 0, -1), (1, 3, 1), "z", "y"),
+    ((-1, -1, 0), (1, 1, 0.05), "y", None),  # a relief
+    ((0, 0, 0), (0, 0, 0), "y", None),
+    ((-1, -1, 0), (1, 1, 1), "x", None),
+])  # fmt: skip
 def test_the_likely_up(low, high, up, likely):
     assert framing.likely_up(np.array(low, float), np.array(high, float), up) == likely
 
-
-# Settings
 
 OPEN = {"ambient_occlusion": 16, "sample_shading": True}
 EDGES = "quads --edges all --edge-angle 45 --edge-width 2 --edge-color 1,0.5,0 --edges-only"
@@ -212,23 +203,15 @@ def test_settings_of_pictures(command, expected):
     assert ({"samples": samples} if "samples" in expected else settings) == expected
 
 
-# Notices
-
 TOLD = "own.json: the camera is the file's own: --fit chooses one that shows all of the scene"
 SUGGESTED = "tall.obj: y is up, but its extents suggest z: --up z shows it so"
 
 
-@pytest.mark.parametrize(
-    ("command", "line"),
-    [
-        ("own.json", TOLD),
-        ("tall.obj", SUGGESTED),
-        *(
-            (command, "")
-            for command in ("own.json --camera file", "tall.obj --up y", "course", "own.glb", "square.obj")
-        ),
-    ],
-)
+@pytest.mark.parametrize(("command", "line"), [
+    ("own.json", TOLD),
+    ("tall.obj", SUGGESTED),
+    *((quiet, "") for quiet in ("own.json --camera file", "tall.obj --up y", "course", "own.glb", "square.obj")),
+])  # fmt: skip
 def test_what_is_chosen_is_told(folder, capsys, command, line):
     write(folder / "tall.obj", "v 0 -1 0\nv 1 1 0\nv -1 1 3\nf 1 2 3\n")
     scene_of(*command.split())
@@ -243,7 +226,6 @@ def test_warnings_are_lines_without_pythons_own(capsys, monkeypatch):
 
 @needs_device
 def test_a_mirrored_placement_shows_its_front(folder, capsys):
-    """And nothing from behind, which is told."""
     document = triangle()
     document.add("nodes", {"mesh": 0, "scale": [-1, 1, 1]})
     document.glb(folder / "a.glb")
@@ -253,9 +235,6 @@ def test_a_mirrored_placement_shows_its_front(folder, capsys):
         assert code == 0
         assert bool(exr.read("out.exr")[0]["A"].any()) is shown
         assert ["every triangle is seen from behind" in line for line in err] == [True] * (not shown)
-
-
-# Scalars, and the header of the image
 
 
 def test_scalars_are_listed(folder, capsys):
@@ -291,3 +270,58 @@ def test_options_stand_in_the_header_where_they_are_set(folder, capsys):
     lit = channels["A"] == 1.0  # not the edge, over the background
     assert (channels["R"][lit] > 0).all()
     assert (channels["B"][lit] == 0).all()
+
+
+class Fields:
+    title = "some: of a test"
+    path = Option("-o, --output FILE: where to: a file", default="out")
+    size = Option("--size N: pixels", int, 3, either="size")
+    full = Option("--full-size: all of them", either="size")
+    lit = Option("--[no-]lit: with light (default: by day)")
+    kind = Option("--kind fast|exact: of the arithmetic")
+    names = Option("names NAME: of scenes", nargs="*")
+
+
+def parsed(*arguments: str) -> Arguments:
+    parser = argparse.ArgumentParser()
+    add_options(parser, Fields)
+    parser.set_defaults(parser=parser)
+    return parser.parse_args(arguments, Arguments())
+
+
+def test_options_that_are_set_are_keyword_arguments(capsys):
+    assert parsed().keywords(Fields) == {"names": []}
+    assert parsed("-o", "out", "--size", "3", "a").keywords(Fields) == {"names": ["a"]}
+    keywords = parsed("--full-size", "--no-lit", "--kind", "exact", "-o", "x").keywords(Fields)
+    assert keywords == {"path": "x", "full": True, "lit": False, "kind": "exact", "names": []}
+    with pytest.raises(SystemExit):
+        parsed("--size", "4", "--full-size")
+    assert "not allowed with" in capsys.readouterr().err
+
+
+def options_of(command: str) -> dict[str, argparse.Action]:
+    return {action.dest: action for action in _parser([command]).parse_args([command, "teapot"]).parser._actions}
+
+
+@pytest.mark.parametrize("command", ["render", "turntable", "stability", "poster"])
+def test_each_setting_has_an_option(command):
+    options = options_of(command)
+    for field in fields(Settings):
+        declared, option = field.metadata["declared"], options[field.name]
+        if field.name == "edges":  # whose option is that of Edges.kinds
+            declared = Edges.__dataclass_fields__["kinds"].metadata["declared"]
+        assert option.help.startswith(declared.help)
+        assert option.default is None
+        assert option.metavar == declared.form
+        assert tuple(option.choices or ()) == declared.choices
+
+
+def test_flags_that_a_preset_or_pictures_set_can_be_taken_back():
+    options = options_of("render")
+    flags = {field.name for field in fields(Settings) if isinstance(field.default, bool)}
+    assert {name for name in flags if len(options[name].option_strings) == 2} == {"shadows", "sample_shading"}
+    assert flags & {name for changed in PRESET_FIELDS.values() for name in changed} == {"shadows"}
+
+
+def test_a_report_takes_the_settings_of_light_alone():
+    assert options_of("report").keys() & Settings.__dataclass_fields__.keys() == set(LIGHT_FIELDS)

@@ -1,20 +1,24 @@
-"""Frames of a turn or of a file's cameras: numbers, file names, cameras, and refusals."""
+"""Frames of a turn or of a file's cameras: numbers, file names, cameras, and refusals; progress in lines and as a bar."""
 
-from __future__ import annotations
-
+import io
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from command_line import assert_refused, listing, needs_device, run
 
+from clshade.base import progress_bar
 from clshade.errors import InputError
-from clshade.farm import Run, draw_frames
+from clshade.farm import Run, draw_frames, running
 from clshade.farm.camera_files import read_cameras
 from clshade.farm.frames import orbit, parse_frames, parse_pattern, pattern_of_eye
+from clshade.farm.job import DrawnFrame, Lost, Silent
+from clshade.farm.running import Progress
 from clshade.images import exr
 from clshade.pipeline.flow import flow
 from clshade.pipeline.frame_results import RECORD, SEAL
@@ -26,8 +30,6 @@ from clshade.scene.camera import Camera
 SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")
 BASE = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.5), (30, 20))
 DRAWING = {"preset": "course", "progress": False}
-
-# Numbers, names and cameras
 
 
 def test_frames():
@@ -83,9 +85,6 @@ def test_a_turn_is_closed_and_even():
     np.testing.assert_allclose(orbit(BASE, [2], turn, 180.0)[2].eye, [5, 0, 0], atol=1e-14)
 
 
-# Commands
-
-
 @pytest.mark.long
 @needs_device
 def test_a_turntable_and_what_it_skips(folder, capsys):
@@ -116,22 +115,18 @@ def test_a_turntable_and_what_it_skips(folder, capsys):
 
 
 def test_what_is_no_camera_is_refused_by_its_frame(tmp_path):
-    """Also if the frame exists already and its size is compared."""
     for kind in ("exr", "png"):
         (tmp_path / f"f.7.{kind}").write_bytes(b"some")
     with pytest.raises(InputError, match=r"^draw_frames: cameras: frame 7: expected a Camera, found 'front'$"):
         draw_frames(builtin("quads"), {7: "front", 8: None}, str(tmp_path / "f.#.exr"), **DRAWING)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "numbers", "warned"),
-    [
-        ("--count 3 --workers 2 --frame-timeout 2.5", [1, 2, 3], False),
-        ("--frames 36..36", [36], True),
-        ("--frames 36 --turn 1..120", [36], False),
-        ("--frames 36 -o single.exr", [36], False),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "numbers", "warned"), [
+    ("--count 3 --workers 2 --frame-timeout 2.5", [1, 2, 3], False),
+    ("--frames 36..36", [36], True),
+    ("--frames 36 --turn 1..120", [36], False),
+    ("--frames 36 -o single.exr", [36], False),
+])  # fmt: skip
 def test_a_count_and_one_frame_that_may_have_been_meant_for_it(capsys, monkeypatch, arguments, numbers, warned):
     draw = Mock(return_value=Run(1, 0, 0, 1.0, 1.0, 1, 1, "a", "a"))
     monkeypatch.setattr("clshade.farm.draw_frames", draw)
@@ -154,7 +149,6 @@ def drawn(path: Path):
 @pytest.mark.long
 @needs_device
 def test_a_frame_is_what_render_draws(folder, capsys):
-    """An eighth of a turn, and the first camera of a file, bit for bit; cameras have resolutions of their own."""
     (folder / "c.json").write_text('[{"eye": [3, 2, 9]}, {"eye": [3, 2, 9], "orthographic": true, "plane": [6, 8]}]')
     turn = ("--frames", "2", "--turn", "1..8", "-o", "turn.exr")
     assert run(capsys, "turntable", "icosphere", *SMALL, *turn, "--quiet")[0] == 0
@@ -171,32 +165,8 @@ def test_a_frame_is_what_render_draws(folder, capsys):
     assert not Path("o1.exr").exists()
 
 
-COMMANDS = [
-    (("turntable", "--frames", "9..3"), ("--frames", "'9..3'", "not before the first")),
-    (("turntable", "-o", "out.exr"), ("--output", "'out.exr'", "out.####.exr")),
-    (("turntable", "--workers", "0"), ("workers", "0")),
-    (("turntable", "--workers", "2", "--scheduler", "tcp://host:1"), ("not allowed with",)),
-    (("turntable", "--count", "3", "--frames", "3"), ("--count", "not allowed with")),
-    (("turntable", "--frame-timeout", "3"), ("--frame-timeout", "two --workers or more", "--scheduler")),
-    (("turntable", "--workers", "2", "--frame-timeout", "inf"), ("--frame-timeout", "seconds above 0", "'inf'")),
-    (("turntable", "--device", "no-such"), ("frame 1", "no OpenCL device matches 'no-such'")),
-    (("animate", "icosphere"), ("CAMERAS.json",)),
-    (("animate", "icosphere", "c.json", "--frames", "0"), ("--frames", "1..2")),
-    (("animate", "icosphere", "bad.json"), ("bad.json", "camera 1", "'focl'", "did you mean 'focal'?")),
-]
-
-
-@pytest.mark.parametrize(("arguments", "parts"), COMMANDS)
-def test_refused_command_lines(folder, capsys, arguments, parts):
-    (folder / "c.json").write_text("[{}, {}]")
-    (folder / "bad.json").write_text('[{"focl": 2}]')
-    assert_refused(run(capsys, *arguments, *SMALL), *parts)
-    assert listing(folder) == ["bad.json", "c.json"]
-
-
 @needs_device
 def test_flow_to_the_frames_beside(folder, capsys):
-    """What `clshade.flow` gives between them, also where one exists already."""
     (folder / "c.json").write_text('[{}, {"eye": [0.3, 0.1, 3]}, {"eye": [0.5, 0.3, 3.5]}]')
     command = ("animate", "icosphere", "c.json", "--resolution", "32,24", "--preset", "course", "--quiet")
     for numbers in ("1", "1..3"):
@@ -235,7 +205,6 @@ def test_tables_of_instances_beside_the_frames(tmp_path):
 
 @needs_device
 def test_one_file_of_each_frame(tmp_path):
-    """A frame with this file counts as drawn; one that is to have both does not."""
     scene = builtin("icosphere", resolution=(32, 24))
 
     def draw(*files: str) -> tuple[int, int]:
@@ -251,3 +220,66 @@ def test_one_file_of_each_frame(tmp_path):
             draw(*files)
     with pytest.raises(InputError, match="cameras"):
         draw_frames(scene, {}, str(tmp_path / "a.#.exr"))
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def now(monkeypatch) -> list[float]:
+    now = [0.0]
+    clocks = SimpleNamespace(perf_counter=lambda: now[0], time=lambda: 1e9 + now[0])
+    for module in (running, progress_bar):
+        monkeypatch.setattr(module, "time", clocks)
+    monkeypatch.setattr("tqdm.std.time", lambda: 1e9 + now[0])
+    return now
+
+
+def draw(bar: Progress, number: int, *warnings: str) -> None:
+    bar.advance(DrawnFrame(number, 1.0, 1.0, 1, warnings, "here:1"))
+
+
+def test_silent_and_lost_workers_are_reported(capsys):
+    reports = [Silent((3,), "7", 12.3), Lost((3, 4), "7 is gone"), DrawnFrame(3, 1.0, 1.0, 5, (), "8")]
+    with Progress(2, 0, False) as bar:
+        bar.follow(reports, limited=False)
+    assert capsys.readouterr().err.splitlines() == [
+        "clshade: warning: no sign of worker 7 for 12 s, at frame 3 (--frame-timeout SECONDS gives frames of such "
+        "workers to others)",
+        "clshade: warning: frames 3, 4 drawn again: the worker 7 is gone",
+    ]
+    assert (bar.drawn, bar.lost, bar.size, bar.workers) == (1, 1, 5, {"8"})
+
+
+def test_lines_now_and_then_without_a_terminal(now, monkeypatch):
+    """The first frame, which waits for the compiler, does not count in what is left."""
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with Progress(100, 0, True) as bar:
+        now[0] += 60.0
+        for number in range(1, 12):
+            now[0] += 1.0
+            draw(bar, number, *(["odd"] if number > 2 else []))
+    lines = sys.stderr.getvalue().splitlines()
+    assert [line for line in lines if "warning" in line] == ["clshade: warning: frame 3: odd"]
+    assert lines[-1] == "clshade: 11/100 frames, 0.155 frames/s, about 89 s left"
+    assert (bar.drawn, bar.seconds) == (11, 71.0)
+
+
+def test_a_bar_on_a_terminal_and_nothing_where_nothing_is_to_be(now, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Screen())
+    with Progress(4, 1, True) as bar:
+        for number in (2, 3, 4):
+            now[0] += 2.0
+            draw(bar, number)
+        now[0] += 60.0  # while workers end
+    last = sys.stderr.getvalue().split("\r")[-1]
+    assert "4/4 [" in last
+    assert last.rstrip().endswith(", 0.5 frames/s]")
+    for stream in (Screen(), None):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with Progress(1, 0, stream is None) as bar:
+            now[0] += 1.0
+            draw(bar, 1)
+        assert (bar.rate, stream is None or stream.getvalue()) == (1.0, stream is None or "")

@@ -1,7 +1,5 @@
 """Frames drawn by a Dask cluster: a real scheduler and workers on loopback, one of which is killed midway."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import socket
@@ -40,7 +38,6 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
 
 @pytest.mark.long
 def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
-    """All frames are written, with the same files as by one process."""
     workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
     here, there = tmp_path / "here", tmp_path / "there"
     for folder in (here, there):
@@ -137,11 +134,7 @@ def test_the_scheduler_is_lost(tmp_path, cluster):
         list(results)
 
 
-# Refused before anything is drawn
-
-
 def refused(capsys: pytest.CaptureFixture[str], address: str) -> str:
-    """Return the line on standard error."""
     start = time.perf_counter()
     outcome = run(capsys, "turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2")
     assert_refused(outcome)

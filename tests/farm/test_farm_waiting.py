@@ -1,8 +1,7 @@
 """How long workers may be silent, by a simulated clock; and the dispatch of frames in a fake cluster."""
 
-from __future__ import annotations
-
 import contextlib
+import queue
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -59,9 +58,6 @@ def test_silence_is_told_each_time_that_it_has_doubled(turned):
     for passed, counted in ((0.1, 0.1), (2.9, 3.0), (60.0, 3.0), (0.1, 3.1)):
         turned.now += passed
         assert clock.seconds == pytest.approx(counted)
-
-
-# A fake cluster
 
 
 class FakeFuture:
@@ -123,32 +119,26 @@ class FakeCluster:
         self.say(future, "drawn", drawn={**drawn, "worker": future.worker})
 
 
-class Run:
-    """A run on such a cluster, one second per step."""
+class Run(queue.Queue):
+    """A run on such a cluster, and its events, which are polled once per step of one second."""
 
     def __init__(self, turned: Time, cluster: FakeCluster, source: Iterator[Task], limit: float | None) -> None:
+        super().__init__()
         self.turned, self.cluster = turned, cluster
         self.dispatcher = cluster_module.Cluster(cluster, "tcp://scheduler", source, 10.0, limit)
         cluster.run = self.dispatcher.name
-        self.events = self.dispatcher._events
-        self.dispatcher._events = self  # replaces the queue; polled once per step
+        self.dispatcher._events = self
         self.steps_left, self.away = 0, 0.0
 
     def get(self, timeout: float) -> Any:
-        if not self.events.empty():
-            return self.events.get()
+        if not self.empty():
+            return super().get()
         self.turned.now += 1.0 + self.away
         self.away = 0.0
         self.steps_left -= 1
         if self.steps_left < 0:
             raise Paused
-        raise cluster_module.queue.Empty
-
-    def put(self, event: Any) -> None:
-        self.events.put(event)
-
-    def empty(self) -> bool:
-        return self.events.empty()
+        raise queue.Empty
 
     def step(self, seconds: int = 1) -> list[DrawnFrame | Lost | Silent]:
         """Return the events of that many seconds."""
@@ -265,8 +255,7 @@ def test_a_worker_that_is_stopped_before_it_begins_loses_what_it_was_given(turne
     cluster.stopped.add("a")
     (first, *_) = futures = cluster.waiting("a")
     assert numbers(run.step(4), Lost) == []
-    reports = run.step(4)
-    assert numbers(reports, Lost) == sorted(future.task.number for future in futures)
+    assert numbers(run.step(4), Lost) == sorted(future.task.number for future in futures)
     assert cluster.waiting("a") == []
     moved = run.dispatcher._flights[first.task.number]
     run.step()
@@ -315,10 +304,9 @@ def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
     assert sorted(report.number for report in run.step()) == [1, 2]
 
 
-@pytest.mark.parametrize(
-    ("ends", "text"),
-    [("hang", "no worker gives a sign any more"), ("go", "no worker is left"), ("scheduler", "gives no answer")],
-)
+@pytest.mark.parametrize(("ends", "text"), [
+    ("hang", "no worker gives a sign any more"), ("go", "no worker is left"), ("scheduler", "gives no answer"),
+])  # fmt: skip
 def test_without_workers_the_run_ends(turned, tmp_path, ends, text):
     """Also of a scheduler that does not answer at first, which is waited for."""
     cluster = FakeCluster(turned, a=1, b=1)

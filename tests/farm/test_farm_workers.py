@@ -1,7 +1,4 @@
-"""Frames drawn by several processes: the same bits as by one, whichever is killed, and nothing left of an interrupted
-run."""
-
-from __future__ import annotations
+"""Frames drawn by several processes: the same bits as by one, whichever is killed, and nothing left after an interrupt."""
 
 import contextlib
 import multiprocessing
@@ -13,11 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-import farm_jobs
 import pytest
 from clusters import wait_until
 from command_line import needs_device
-from farm_jobs import hanging, job
+from farm_jobs import hanging, job, tasks
 from processes import ROOT
 
 from clshade.errors import DeviceError, OutputError, WorkerError
@@ -35,20 +31,15 @@ pytestmark = [needs_device, pytest.mark.skipif(sys.platform == "win32", reason="
 needs_proc = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 
 
-def tasks(folder: Path, count: int = COUNT) -> list[Task]:
-    return farm_jobs.tasks(folder, count, (32, 24))
-
-
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory) -> dict[str, bytes]:
-    """Return the files that one process writes."""
     folder = tmp_path_factory.mktemp("one")
     with FrameWriter(job()) as writer:
-        assert [writer.draw(task).number for task in tasks(folder)] == list(range(1, COUNT + 1))
+        assert [writer.draw(task).number for task in tasks(folder, COUNT)] == list(range(1, COUNT + 1))
     files = contents(folder)
     assert len(files) == 2 * COUNT
     assert len(set(files.values())) > COUNT  # frames differ
@@ -69,16 +60,14 @@ def is_alive(pid: int) -> bool:
 @pytest.mark.long
 def test_two_workers_one_of_which_is_killed(tmp_path, expected):
     reports, killed = [], 0
-    for report in draw_locally(job(), tasks(tmp_path), 2):
+    for report in draw_locally(job(), tasks(tmp_path, COUNT), 2):
         reports.append(report)
         if len(reports) == COUNT // 3:
             killed = children()[0]
             os.kill(killed, signal.SIGKILL)
-    drawn = [report.number for report in reports if isinstance(report, DrawnFrame)]
-    assert sorted(drawn) == list(range(1, COUNT + 1))
+    assert sorted(report.number for report in reports if isinstance(report, DrawnFrame)) == list(range(1, COUNT + 1))
     assert killed
-    lost = [report for report in reports if isinstance(report, Lost)]
-    assert [report.reason for report in lost] == ["was killed by SIGKILL"]
+    assert [report.reason for report in reports if isinstance(report, Lost)] == ["was killed by SIGKILL"]
     files = {name: data for name, data in contents(tmp_path).items() if not name.startswith(".clshade-")}
     assert files == expected  # but for what the killed process was writing
     assert not children()
@@ -136,7 +125,7 @@ def test_a_large_scene_does_not_wait_for_a_worker_that_is_stopped(tmp_path):
 
 @pytest.mark.long
 def test_errors_of_workers_name_the_frame_and_leaving_early_ends_them(tmp_path):
-    first, *_ = tasks(tmp_path)
+    first, *_ = tasks(tmp_path, COUNT)
     away = Task(3, first.camera, tmp_path / "none" / "003")
     for render_job, task, error, text in (
         (job(), away, OutputError, r"^frame 3: .*003\.exr: cannot be written: there is no folder"),
@@ -147,14 +136,11 @@ def test_errors_of_workers_name_the_frame_and_leaving_early_ends_them(tmp_path):
             list(draw_locally(render_job, [task], 2))
     assert "Traceback" in caught.value.__notes__[0]
     assert not children()
-    results = draw_locally(job(), tasks(tmp_path), 2)
+    results = draw_locally(job(), tasks(tmp_path, COUNT), 2)
     next(results)
     assert len(children()) == 2
     results.close()  # type: ignore[attr-defined]
     assert not children()
-
-
-# Runs of the command
 
 
 def start(folder: Path, *further: str, silent: float = 10.0, before: str = "") -> subprocess.Popen[str]:
@@ -163,10 +149,8 @@ def start(folder: Path, *further: str, silent: float = 10.0, before: str = "") -
     code = f"{before}\n{code}; entry()"
     frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
     command = [sys.executable, "-c", code, "turntable", "icosphere", "--preset", "course", *frames, *further]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(
-        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
 
 
 def descendants(pid: int) -> list[int]:
@@ -248,7 +232,6 @@ util.spawnv_passfds = slow
 
 
 def test_an_interrupt_waits_for_a_worker_that_starts(tmp_path):
-    """Otherwise the worker prints a traceback: it is told nothing."""
     process = start(tmp_path, before=SLOW_START)
     _, err = process.communicate(timeout=180)
     assert (process.returncode, err) == (130, "clshade: interrupted\n")

@@ -1,7 +1,5 @@
 """`animate` plays animations of glTF files: frames, films, workers, refusals."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +9,7 @@ import pytest
 from command_line import assert_refused, needs_device, run
 from mesh_writers import bar, triangle
 from PIL import Image
+from scene_files import same
 
 from clshade.errors import InputError
 from clshade.farm import draw_frames
@@ -37,23 +36,17 @@ def folder(tmp_path, monkeypatch) -> Path:
 
 
 def assert_same(one: str, expected: str) -> None:
-    first, second = (exr.read(name)[0] for name in (one, expected))
-    assert first.keys() == second.keys()
-    for channel in first:
-        np.testing.assert_array_equal(first[channel], second[channel])
+    assert same(*(exr.read(name)[0] for name in (one, expected)))
 
 
 @pytest.mark.long
 @needs_device
 def test_flow_of_what_moves(folder, capsys):
-    """The bar bends on from frame to frame; the flow to the one before leads the other way."""
     command = ("animate", "bar.glb", "--animation", "Bend", "--count", "3", *VIEW, *SMALL, "--shader", "nolight")
     assert run(capsys, *command, "--flow", "-o", "f.#.exr")[0] == 0
     files = [exr.read(f"f.{k}.exr")[0] for k in (1, 2, 3)]
     assert [("flow.X" in file, "flow_back.X" in file) for file in files] == [(True, False), (True, True), (False, True)]
-    there, back = (
-        np.stack([files[1][f"{name}.{letter}"] for letter in "XY"], axis=-1) for name in ("flow", "flow_back")
-    )
+    there, back = (np.stack([files[1][f"{name}.{k}"] for k in "XY"], axis=-1) for name in ("flow", "flow_back"))
     moved = np.abs(there).max(axis=-1) > 1e-4
     assert moved.sum() > 20
     assert np.array_equal(np.isfinite(there).all(axis=-1), files[1]["id"] > 0)
@@ -69,8 +62,7 @@ def test_frames_are_what_render_draws_at_their_times(folder, capsys):
     assert run(capsys, *played, "-o", "f.#.exr")[0] == 0
     assert sorted(path.name for path in folder.glob("f.*.png")) == ["f.1.png", "f.2.png", "f.3.png"]
     for frame, time in ((1, 0), (2, 1), (3, 2)):
-        drawn = ("render", "bar.glb", "--animation", "Bend", "--time", time, *look)
-        assert run(capsys, *drawn, "-o", "still")[0] == 0
+        assert run(capsys, "render", "bar.glb", "--animation", "Bend", "--time", time, *look, "-o", "still")[0] == 0
         assert_same(f"f.{frame}.exr", "still.exr")
     alphas = [exr.read(f"f.{frame}.exr")[0]["A"] for frame in (1, 2, 3)]
     assert all((one != later).any() for one, later in pairwise(alphas))
@@ -107,16 +99,14 @@ def test_a_film_tells_poses_by_their_source(folder, capsys, monkeypatch):
     sources = [digest_of(_source(poses, {1: None})) for poses in calls]
     assert sources[0] == sources[1]
     assert len(set(sources)) == 5
-    plain = [
-        _source({1: poses[1], 2: poses[2]}, dict.fromkeys(frames)) for poses in calls[2:4] for frames in ([1], [2])
-    ]
-    assert len({source for (source,) in plain}) == 3  # the first pose changes nothing in either
+    pairs = [{1: poses[1], 2: poses[2]} for poses in calls[2:4]]
+    plain = [source for poses in pairs for frame in (1, 2) for source in _source(poses, {frame: None})]
+    assert len(set(plain)) == 3  # the first pose changes nothing in either
 
 
 @pytest.mark.long
 @needs_device
 def test_options_of_the_scene_hold_in_every_frame(folder, capsys):
-    """The ground is below all frames; lights are those that were chosen."""
     document = bar()
     document.animation((1, "translation", np.float32([0, 1]), np.float32([[0, 0, 0], [0, -4, 0]]), "LINEAR"))
     document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}] * 2}}
@@ -140,10 +130,8 @@ def test_options_of_the_scene_hold_in_every_frame(folder, capsys):
 def test_what_is_said(folder, capsys, monkeypatch):
     calls = []
     monkeypatch.setattr("clshade.cli.frames.draw", lambda *arguments: calls.append(arguments) or 0)
-    assert run(capsys, "animate", "bar.glb", "--fps", "30000/1001")[::2] == (
-        0,
-        ["clshade: bar.glb: animation 0, 3 s: frames 1..90"],
-    )
+    told = ["clshade: bar.glb: animation 0, 3 s: frames 1..90"]
+    assert run(capsys, "animate", "bar.glb", "--fps", "30000/1001")[::2] == (0, told)
     _, scene, cameras, poses = calls[0]
     assert (len(scene.meshes), len(cameras), len(poses), list(poses) == list(cameras)) == (2, 90, 90, True)
     assert scene.meshes[-1].material.texture is None  # no contact shadow below what moves
@@ -155,15 +143,10 @@ def test_what_is_said(folder, capsys, monkeypatch):
 
 def test_animations_are_listed(folder, capsys):
     _, out, _ = run(capsys, "inspect", "bar.glb")
-    assert [line.split() for line in out.splitlines()][-4:-1] == [
-        ["animation", "number", "seconds"],
-        ["unnamed", "0", "3"],
-        ["Bend", "1", "3"],
-    ]
-    assert json.loads(run(capsys, "inspect", "bar.glb", "--json")[1])["animations"] == [
-        {"name": "", "seconds": 3.0},
-        {"name": "Bend", "seconds": 3.0},
-    ]
+    words = [" ".join(line.split()) for line in out.splitlines()][-4:-1]
+    assert words == ["animation number seconds", "unnamed 0 3", "Bend 1 3"]
+    listed = json.loads(run(capsys, "inspect", "bar.glb", "--json")[1])["animations"]
+    assert listed == [{"name": name, "seconds": 3.0} for name in ("", "Bend")]
     assert "animation" not in run(capsys, "inspect", "still.glb")[1]
 
 
@@ -178,25 +161,22 @@ def test_a_pose_is_offered_once(folder, capsys):
     assert not any("at rest" in line for line in run(capsys, *drawn, "--animation", "Bend")[2])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        (("still.glb",), ("still.glb: animations: expected an animation to show, found none",)),
-        (("teapot",), ("CAMERAS.json: a file of cameras is missing, and teapot has no animation to play",)),
-        (("bar.glb", "--animation", "bend"), ("bar.glb: animation: expected one of Bend", "did you mean 'Bend'?")),
-        (("bar.glb", "--time", "1"), ("--time: cannot go with an animation that is played",)),
-        (("bar.glb", "--focal", "1"), ("--focal: cannot go with an animation that is played",)),
-        (("bar.glb", "--fps", "0"), ("--fps: expected a number above 0", "'0'")),
-        (("bar.glb", "--fps", "1/0"), ("--fps: expected a number above 0", "'1/0'")),
-        (("bar.glb", "--count", "0"), ("count: expected a whole number from 1 to 1000000, found 0",)),
-        (("bar.glb", "--count", "4", "--frames", "2"), ("--frames", "not allowed with", "--count")),
-        (("bar.glb", "--frames", "90..91"), ("--frames: 90..91 goes beyond the frames of the animation, 1..90",)),
-        (("bar.glb", "c.json", "--count", "4"), ("--count: is for the animation of a glTF file",)),
-        (("bar.glb", "--bit-depth", "10"), ("--bit-depth: needs a film as --output",)),
-        (("render", "teapot", "--time", "1"), ("--time: needs a scene file, not the built-in scene 'teapot'",)),
-        (("render", "still.glb", "--animation", "x"), ("still.glb: animations: expected an animation to show",)),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "parts"), [
+    (("still.glb",), ("still.glb: animations: expected an animation to show, found none",)),
+    (("teapot",), ("CAMERAS.json: a file of cameras is missing, and teapot has no animation to play",)),
+    (("bar.glb", "--animation", "bend"), ("bar.glb: animation: expected one of Bend", "did you mean 'Bend'?")),
+    (("bar.glb", "--time", "1"), ("--time: cannot go with an animation that is played",)),
+    (("bar.glb", "--focal", "1"), ("--focal: cannot go with an animation that is played",)),
+    (("bar.glb", "--fps", "0"), ("--fps: expected a number above 0", "'0'")),
+    (("bar.glb", "--fps", "1/0"), ("--fps: expected a number above 0", "'1/0'")),
+    (("bar.glb", "--count", "0"), ("count: expected a whole number from 1 to 1000000, found 0",)),
+    (("bar.glb", "--count", "4", "--frames", "2"), ("--frames", "not allowed with", "--count")),
+    (("bar.glb", "--frames", "90..91"), ("--frames: 90..91 goes beyond the frames of the animation, 1..90",)),
+    (("bar.glb", "c.json", "--count", "4"), ("--count: is for the animation of a glTF file",)),
+    (("bar.glb", "--bit-depth", "10"), ("--bit-depth: needs a film as --output",)),
+    (("render", "teapot", "--time", "1"), ("--time: needs a scene file, not the built-in scene 'teapot'",)),
+    (("render", "still.glb", "--animation", "x"), ("still.glb: animations: expected an animation to show",)),
+])  # fmt: skip
 def test_refused_command_lines(folder, capsys, arguments, parts):
     (folder / "c.json").write_text(json.dumps([{}, {}]))
     command = arguments if arguments[0] == "render" else ("animate", *arguments)

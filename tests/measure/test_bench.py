@@ -1,7 +1,5 @@
 """`bench`: workloads, counts, tables, the command; and OpenGL's image, which must agree before times are compared."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys
@@ -12,18 +10,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import assert_refused, run
-from speeds import SMALL, WORKLOADS, results_of, timed
 
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.measure.bench import bench, device_peaks, workloads
+from clshade.measure.bench import bench, device_peaks, tables, workloads
 from clshade.measure.bench.agreement import TEXTURED, TOLERANCE, Agreement, agreement
-from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, time_frames
+from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, Compared, FrameTiming, time_frames
 from clshade.measure.bench.opengl import MissingOpenGL, OpenGL, check_drawn, open_context
 from clshade.measure.bench.workloads import Workload, full_screen, knot, thing
+from clshade.measure.timing import Spread
 from clshade.pipeline.renderer import Renderer, render
 from clshade.scene.model import Mesh, Scene
 
-# Counts
+SMALL = {
+    "object": lambda: thing(128, level=3),
+    "knot": lambda: knot(300, (192, 144)),
+    "quads": lambda: full_screen(4, (48, 32)),
+    "lights": lambda: thing(128, level=2, lights=8),
+}
+WORKLOADS = tuple(Workload(name, f"small {name}", make) for name, make in SMALL.items())
 
 
 def drawn(scene, device, frames=1, **options):
@@ -49,8 +53,16 @@ def test_stages_bytes_and_flops(opened):
     assert timing.floor_ms(device_peaks.Peaks(flops=1e-9, fill=2e3)) == pytest.approx(timing.bytes / 2.0)
 
 
+def timed(name: str, same: bool = True, flops: int | None = 10**7) -> FrameTiming:
+    agreement = Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
+    compared = Compared("llvmpipe 1", 2.0, 12.0, 5, (2.0, 9.0), agreement)
+    stages, held = {"host": 1.0, "phong": 1.0}, {"scene": 900_000, "image": 100_000, "owners": 1 << 20}
+    return FrameTiming(name, (10, 10), 100, 100, 5, Spread(1.8, 2.0, 2.2), stages, held, flops, compared)
+
+
 def test_the_tables_hold_what_was_measured(tmp_path):
-    timings = results_of(timed(), timed("v", same=False, flops=None), errors={"x": "too large"})
+    peaks, measured = device_peaks.Peaks(flops=1e10, fill=5e8), (timed("w"), timed("v", same=False, flops=None))
+    timings = tables.results("a device", peaks, measured, {"x": "too large"})
     lines = timings.lines()
     # 100 triangles and pixels in 2 ms; 1e6 bytes take as long at the fill's 5e8; 1e7 operations half of that at 1e10;
     # 2^20 and 1e6 bytes are 1.95 MiB.
@@ -60,30 +72,21 @@ def test_the_tables_hold_what_was_measured(tmp_path):
     assert sum("NO" in line for line in lines) == 1
     timings.write(tmp_path / "b")
     rows = list(csv.DictReader((tmp_path / "b.csv").open()))
-    assert [[row[name] for name in ("name", "ratio", "same", "gflops")] for row in rows] == [
-        ["w", "6.0", "True", "5.0"],
-        ["v", "", "False", ""],
-    ]
+    columns = ("name", "ratio", "same", "gflops")
+    assert [[row[name] for name in columns] for row in rows] == [["w", "6.0", "True", "5.0"], ["v", "", "False", ""]]
     assert [rows[0][name] for name in ("gb_s", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
 
 
-@pytest.fixture
-def small_workloads(monkeypatch):
-    monkeypatch.setattr(workloads, "WORKLOADS", WORKLOADS)
-    monkeypatch.setattr(bench, "WORKLOADS", WORKLOADS)
-
-
-@pytest.mark.usefixtures("small_workloads")
-def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, folder):
+def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, folder, monkeypatch):
+    for module in (workloads, bench):
+        monkeypatch.setattr(module, "WORKLOADS", WORKLOADS)
     Path("own.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     command = ("bench", "own.obj", "teapot", "--device", opened.index, "--frames", "2")
     code, out, _ = run(capsys, *command, "--resolution", "48,32", "--look", "plain", "--samples", "4", "-o", "b")
     assert code == 0
     figures = json.loads(Path("b.json").read_text())
-    assert [(figure["name"], figure["image"], figure["frames"]) for figure in figures["frames"]] == [
-        ("own.obj", "48x32", 2),
-        ("teapot", "48x32", 2),
-    ]
+    assert [figure["name"] for figure in figures["frames"]] == ["own.obj", "teapot"]
+    assert {(figure["image"], figure["frames"]) for figure in figures["frames"]} == {("48x32", 2)}
     own, teapot = figures["bytes_held"]
     assert teapot["scene"] > own["scene"] > 0
     assert own["image"] == 48 * 32 * 16
@@ -187,7 +190,6 @@ def test_images_are_compared_before_times(opened, capsys, monkeypatch, factor):
 
 
 def test_agreement_of_images():
-    """Of two triangles in smooth colors: an error inside of one is found, one on an edge is allowed."""
     ids = np.zeros((20, 24), np.uint32)
     ids[2:18, 3:12], ids[2:18, 12:21] = 1, 2
     rows, columns = np.indices(ids.shape)

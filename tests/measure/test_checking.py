@@ -1,10 +1,7 @@
 """`clshade.check` and `render --check`: planted errors of an image are found."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -26,21 +23,6 @@ LAYERS = ("Z", "id")
 
 def teapot_frame(preset: str = "standard", layers: tuple[str, ...] = LAYERS) -> Frame:
     return frame_of(scenes.teapot(3, (80, 60)), Settings.from_preset(preset, layers=layers))
-
-
-@pytest.mark.parametrize(
-    ("make", "preset"), [(partial(scenes.box_room, 3), "course"), (partial(scenes.quads, 20, 3), "standard")]
-)
-def test_some_pixels_equal_those_of_the_whole_image(make, preset):
-    scene, settings = make(resolution=(61, 47)), Settings.from_preset(preset)
-    image = oracle.render(scene, settings)
-    rows, columns = np.divmod(np.random.default_rng(3).integers(0, image.id.size, 300), image.id.shape[1])
-    some = oracle.render(scene, settings, rows, columns)
-    for field in vars(image):
-        assert np.array_equal(getattr(some, field), getattr(image, field)[rows, columns])
-
-
-# Results
 
 
 @pytest.mark.parametrize("preset", ["course", "standard"])
@@ -78,7 +60,6 @@ def test_one_changed_pixel_of_all_is_found():
 
 
 def test_a_sample_reports_an_error_in_a_pixel_it_looks_at():
-    """And not an error elsewhere: the result is a lower bound."""
     frame = teapot_frame()
     looked_at = check._sample(check._strata(frame).ravel(), 400, 0)
     assert len(looked_at) == len(set(looked_at.tolist())) == 400
@@ -163,9 +144,6 @@ def test_a_highlights_gate_may_be_decided_either_way():
         assert (comparison.counted.max() <= 1.0) == excepted
 
 
-# The sample
-
-
 def test_edges_and_highlights_have_their_share():
     frame = teapot_frame()
     counts = {name: count for name, (count, _) in clshade.check(frame, 400).strata.items()}
@@ -173,8 +151,7 @@ def test_edges_and_highlights_have_their_share():
     assert min(counts["silhouettes"], counts["highlights"]) >= 80
     assert counts["background"] >= 10
     limit = np.quantile(frame.rgb.max(axis=-1)[frame.alpha > 0], 0.9)
-    strata = check._strata(frame)
-    assert (frame.rgb.max(axis=-1)[strata == check.STRATA.index("highlights")] >= limit).all()
+    assert (frame.rgb.max(axis=-1)[check._strata(frame) == check.STRATA.index("highlights")] >= limit).all()
 
 
 def test_an_image_of_one_pixel_and_an_empty_one():
@@ -192,26 +169,23 @@ def test_refused_numbers_of_pixels(pixels):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["teapot", "course", "box_room", "quads", "icosphere"])
-@pytest.mark.parametrize(
-    ("preset", "shader"), [("standard", "phong"), ("standard", "gouraud"), ("course", "gouraud"), ("course", "nolight")]
-)
+@pytest.mark.parametrize(("preset", "shader"), [
+    ("standard", "phong"), ("standard", "gouraud"), ("course", "gouraud"), ("course", "nolight"),
+])  # fmt: skip
 def test_built_in_scenes_pass(device, name, preset, shader):
     scene = scenes.builtin(name, resolution=(160, 120))
     frame = clshade.render(scene, device=device, preset=preset, shader=shader, layers=LAYERS)
     assert clshade.check(frame, "all").passed
 
 
-# The command line
-
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
 
 
 @needs_device
-@pytest.mark.parametrize(
-    ("pixels", "title"), [("200", "lower bound of the largest error: 200 of 768"), ("all", "largest error: 768 of 768")]
-)
+@pytest.mark.parametrize(("pixels", "title"), [
+    ("200", "lower bound of the largest error: 200 of 768"), ("all", "largest error: 768 of 768"),
+])  # fmt: skip
 def test_check_prints_its_error_and_writes_it_into_the_header(tmp_path, capsys, pixels, title):
-    """Of all pixels into a layer, too."""
     code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", "--check", pixels)
     assert (code, err) == (0, [])
     count = int(title.split()[-3])

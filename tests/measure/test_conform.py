@@ -1,7 +1,5 @@
 """`conform`: planted faults are found and written as scripts; a device that crashes or hangs costs a line."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -156,7 +154,6 @@ def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, resul
 
 @pytest.mark.long
 def test_after_three_crashes_a_part_is_given_up(tmp_path, results_with):
-    """Each costs a test, which has a script; the next process leaves it out."""
     (*crashed, rest), _ = results_with("programs.compiled = lambda *_: os.abort()\nisolated.main()")
     assert [result.problem for result in crashed] == ["ends the process: SIGABRT"] * 3
     assert len({result.name for result in crashed}) == 3
@@ -190,11 +187,9 @@ def test_every_group_has_tests_and_the_card_tells_of_all(opened):
             assert len({test.name for test in tests}) == len(tests) > 0
     info = chosen_devices(opened.index)[0]
     results, facts = [Result("constructs", "one", "what", seconds=1.0), Result("scenes", "two")], {"lanes": 16}
-    text = conform.card(info, results, facts).markdown()
-    assert "- verdict: conforms\n" in text
+    assert "- verdict: conforms\n" in conform.card(info, results, facts).markdown()
     results.append(Result("scenes", "three", "what", "a | b", script="scenes_three.py"))
-    card = conform.card(info, results, facts)
-    document = json.loads(card.json())
+    document = json.loads(conform.card(info, results, facts).json())
     assert document["verdict"] == "does not conform: 1 of 3 tests failed"
     assert (document["device"]["index"], document["lanes"]) == (opened.index, 16)
 

@@ -1,7 +1,5 @@
 """`report --course`: the figures of the course, their times and the causes of their errors on one page."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -27,7 +25,6 @@ def images(page):
 
 
 def rows(page):
-    """Return the rows of the table of errors by their causes."""
     return {row.all("th")[0].text: [cell.text for cell in row.all("td")] for row in page.all("tr")}
 
 
@@ -60,15 +57,11 @@ def test_the_page(opened, capsys, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("lacks", "size", "missing", "columns", "shape"),
-    [
-        ("texture", (32, 24), range(17, 20), 2, (12, 16, 3)),
-        ("lights", (1, 1), (2, 3, 5, 6, 7, 10, 11, 13, 14, 15), 4, (1, 1, 3)),
-    ],
-)
+@pytest.mark.parametrize(("lacks", "size", "missing", "columns", "shape"), [
+    ("texture", (32, 24), range(17, 20), 2, (12, 16, 3)),
+    ("lights", (1, 1), (2, 3, 5, 6, 7, 10, 11, 13, 14, 15), 4, (1, 1, 3)),
+])  # fmt: skip
 def test_what_a_scene_lacks_is_left_out_and_named(opened, tmp_path, monkeypatch, lacks, size, missing, columns, shape):
-    """Also in an image of one pixel, and in one that is reduced; a hostile name is text."""
     monkeypatch.setattr(course_report, "LARGEST", 16)
     hostile = "<script>alert(1)</script>\x1b\u202e"
     scene = replace(small(size), name=hostile)

@@ -3,8 +3,6 @@
 That it changes no bit: tests/pipeline/test_every_feature.py.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -27,9 +25,8 @@ PIXELS = 61 * 47
 
 def plain_scene(**fields) -> Scene:
     """Return sixty white triangles of one material, lit by one term of plain points, on black. fields: of the scene."""
-    generator = np.random.default_rng(4)
     material = Material(ka=0.0, kd=0.6, ks=0.0)
-    verts = np.float32(generator.uniform(-1, 1, (2, 90, 3)))
+    verts = np.float32(np.random.default_rng(4).uniform(-1, 1, (2, 90, 3)))
     meshes = tuple(Mesh(vertices, np.arange(90).reshape(-1, 3), material=material) for vertices in verts)
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
     lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9)))
@@ -41,8 +38,7 @@ def test_what_is_left_out_and_what_it_saves(device, monkeypatch):
     explanation = explain(plain_scene(), device=device, shader="phong")
     assert explanation.passed
     assert set(explanation.left_out) == set(OPTIONAL) - {"LIT", "DIFFUSE"}
-    assert explanation.needed == ("LIT", "DIFFUSE")
-    assert explanation.left_out["SPECULAR"] == "ks is 0"
+    assert (explanation.needed, explanation.left_out["SPECULAR"]) == (("LIT", "DIFFUSE"), "ks is 0")
     assert explanation.frames == 3
     assert explanation.bytes[1] - explanation.bytes[0] >= PIXELS * 4  # the owners, at least
     text = "\n".join(explanation.lines())
@@ -52,8 +48,7 @@ def test_what_is_left_out_and_what_it_saves(device, monkeypatch):
 
 def test_work_that_the_view_and_the_settings_do_without(device):
     first, second = plain_scene().meshes
-    spare = replace(first, verts=np.concatenate([first.verts, np.zeros((7, 3))]))
-    scene = plain_scene(meshes=(spare, second))
+    scene = plain_scene(meshes=(replace(first, verts=np.concatenate([first.verts, np.zeros((7, 3))])), second))
     scene = replace(scene, lights=(*scene.lights, PointLight((0, 0, 1), (0, 0, 0))))
     unneeded = explain(scene, device=device).unneeded
     assert unneeded["vertices"] == "7 of 187 in no face"
@@ -91,7 +86,6 @@ def test_a_program_is_built_for_what_is_compiled_and_for_nothing_else(device, mo
 @pytest.mark.long
 @needs_device
 def test_the_command(tmp_path, capsys, monkeypatch):
-    """It prints the explanation after the summary and in the figures; images that differ are a failure."""
     command = (*SMALL, "-o", tmp_path / "a", "--explain")
     code, out, err = run(capsys, *command)
     assert (code, err) == (0, [])

@@ -1,7 +1,5 @@
 """`grade`: mistakes that are planted are found, and right images are right; files, folders and the command."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -20,7 +18,7 @@ from clshade.errors import InputError
 from clshade.images import exr, png
 from clshade.measure.grade import drawing, folder, grade, search, tables
 from clshade.measure.grade.mistakes import coverage
-from clshade.oracle import frame
+from clshade.oracle import frame, texture
 from clshade.oracle.lights import Directions
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.geometry import camera_axes, vertex_normals
@@ -31,12 +29,9 @@ SIZE = 48
 
 def course(size: tuple[int, int] = (SIZE, SIZE), intensity: float = 1.0, textured: bool = True) -> Scene:
     scene = builtin("course", resolution=size)
-    lights = tuple(replace(light, intensity=intensity * light.intensity) for light in scene.lights)
-    return replace(scene if textured else untextured(scene), lights=lights)
-
-
-def untextured(scene: Scene) -> Scene:
-    return with_materials(scene, lambda material: replace(material, texture=None))
+    if not textured:
+        scene = with_materials(scene, lambda material: replace(material, texture=None))
+    return replace(scene, lights=tuple(replace(light, intensity=intensity * light.intensity) for light in scene.lights))
 
 
 def right_of(scene: Scene, shader: str = "phong", **settings: object) -> grade.Right:
@@ -64,14 +59,13 @@ def drawn(solution: grade.Right, *labels: str) -> np.ndarray:
 def found_first(solution: grade.Right, image: np.ndarray) -> list[set[str]]:
     """Return the labels of the best explanation, and of what gives the same image."""
     best = grade.graded(image, solution, "image").best
-    assert best is not None
     assert best.claimed
     return [{change.label for change in changes} for changes in (best.changes, *best.same)]
 
 
-@pytest.mark.parametrize(
-    ("shader", "visibility", "background"), [("phong", "painter", 0.5), ("gouraud", "depth", None)]
-)
+@pytest.mark.parametrize(("shader", "visibility", "background"), [
+    ("phong", "painter", 0.5), ("gouraud", "depth", None),
+])  # fmt: skip
 def test_the_right_image_is_the_oracle_s(shader, visibility, background):
     scene = replace(course((64, 48)), background=background)
     solution = right_of(scene, shader, visibility=visibility)
@@ -153,36 +147,28 @@ def test_light_that_is_clipped_before_the_color():
 def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
     solution = right("nolight")
     mesh = solution.drawing.scene.meshes[0]
-    image = mesh.material.texture.image
-    corners = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces] * (np.array(image.shape[1::-1]) - 1)
-    low = np.minimum(np.floor(corners).astype(int), np.array(image.shape[1::-1]) - 2)
-    (x, y), (s, t) = np.moveaxis(low, -1, 0), np.moveaxis(corners - low, -1, 0)[..., None]
-    texels = (1 - t) * ((1 - s) * image[y, x] + s * image[y, x + 1])
-    texels += t * ((1 - s) * image[y + 1, x] + s * image[y + 1, x + 1])
+    uvs = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
     face = frame.render(solution.drawing.scene, solution.drawing.settings).id.astype(int)
-    expected = (texels.mean(axis=1) * mesh.material.color)[face - 1]
+    expected = (texture.bilerp(uvs, mesh.material.texture.image, "course").mean(axis=1) * mesh.material.color)[face - 1]
     assert np.allclose(linear_of(solution, "one color per triangle")[face > 0], expected[face > 0])
 
 
 @pytest.mark.long
 def test_what_no_mistake_explains_is_not_claimed_and_an_object_that_is_missing_is():
-    noise = np.random.default_rng(0).integers(0, 256, (SIZE, SIZE, 3)).astype(float)
-    grading = grade.graded(noise, right(), "noise")
+    grading = grade.graded(np.random.default_rng(0).integers(0, 256, (SIZE, SIZE, 3)).astype(float), right(), "noise")
     assert not grading.right
     assert not (grading.best and grading.best.claimed)
     assert "None of the modeled mistakes" in "\n".join(tables.lines(grading.facts()))
     black = np.zeros((SIZE, SIZE, 3))
     background = np.rint(grade.as_codes(black + right().drawing.scene.background))
     assert {"nothing is drawn"} in found_first(right(), background)  # edges are not blamed
-    best = grade.graded(black, right(), "black").best
-    assert "nothing is drawn" in {change.label for change in best.changes}
+    assert "nothing is drawn" in {change.label for change in grade.graded(black, right(), "black").best.changes}
 
 
 @pytest.mark.long
 def test_gamma_beside_a_wrong_background_is_found():
     scene = replace(right().drawing.scene, background=[0.2, 0.5, 0.8])
-    linear = np.clip(frame.render(scene, right().drawing.settings).rgb, 0.0, 1.0)
-    image = np.rint(255.0 * linear ** (1.0 / 2.2))
+    image = np.rint(255.0 * np.clip(frame.render(scene, right().drawing.settings).rgb, 0.0, 1.0) ** (1.0 / 2.2))
     assert {"wrong background (as it is)", "gamma (1/2.2)"} in found_first(right(), image)
 
 
@@ -348,8 +334,7 @@ def test_a_summary_has_a_line_for_each_submission():
 
 def test_cells_that_a_spreadsheet_takes_for_formulas_begin_with_an_apostrophe():
     names = ["=1+1.png", "+a.png", "-a.png", "@a.png", "\ta.png", "a=1.png"]
-    text = tables.csv([{"image": name, "error": "-1 found"} for name in names])
-    rows = list(csv.DictReader(io.StringIO(text)))
+    rows = list(csv.DictReader(io.StringIO(tables.csv([{"image": name, "error": "-1 found"} for name in names]))))
     assert [row["submission"] for row in rows] == [*(f"'{name}" for name in names[:5]), "a=1.png"]
     assert {row["error"] for row in rows} == {"'-1 found"}
 

@@ -1,7 +1,5 @@
 """demos/other_renderers.py: the exact answer that renderers are compared with, and errors of images."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

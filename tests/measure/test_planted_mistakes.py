@@ -1,7 +1,5 @@
 """`grade` names mistakes that are planted at random, on five scenes, beside noise. In closed form: test_grade.py."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import cache
@@ -44,18 +42,17 @@ def drawn(right: Drawing, changes: Sequence[search.Change]) -> tuple[Floats, boo
 
 def chosen(changes: Sequence[search.Change], count: int, random: np.random.Generator) -> list[search.Change]:
     """Choose mistakes at random, then one of their variants; those of the scene first."""
-    names = list(dict.fromkeys(change.mistake.name for change in changes))
     picked = []
-    for name in random.choice(names, count, replace=False):
+    for name in random.choice(list(dict.fromkeys(change.mistake.name for change in changes)), count, replace=False):
         variants = [change for change in changes if change.mistake.name == name]
         picked.append(variants[random.integers(len(variants))])
     return sorted(picked, key=lambda change: not change.mistake.early)
 
 
-def missed(count: int, together: int, seed: int) -> list[str]:
+def missed(count: int, together: int) -> list[str]:
     """Plant mistakes, so many `together`, in `count` images, each of which shows beside the others. Return those that were
     not named first, in any order, and do not give the same image as what was."""
-    random = np.random.default_rng((seed, together))
+    random = np.random.default_rng((0, together))
     names = [(name, shader) for name in SCENES for shader in SHADERS]
     done, by_kernels, lines = 0, 0, []
     while done < count:
@@ -81,10 +78,7 @@ def missed(count: int, together: int, seed: int) -> list[str]:
 
 @pytest.mark.long
 @needs_device
-@pytest.mark.parametrize(
-    ("count", "together", "seed", "most"),
-    [(60, 1, 0, 1), (15, 2, 0, 0)],
-)
-def test_most_planted_mistakes_are_named_first(count, together, seed, most):
-    lines = missed(count, together, seed)
+@pytest.mark.parametrize(("count", "together", "most"), [(60, 1, 1), (15, 2, 0)])
+def test_most_planted_mistakes_are_named_first(count, together, most):
+    lines = missed(count, together)
     assert len(lines) <= most, lines

@@ -1,7 +1,5 @@
 """Results of commands: one list of columns gives terminal, CSV, JSON, Markdown and HTML, in which no text is markup."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """What `report` measures: the variants of a scene, its reference, and the causes of an image's error."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -62,8 +60,7 @@ def triangle() -> Scene:
     """Return a white, unlit triangle over black that covers 0.4 * 0.7 / 2 of the image, without axis-aligned edges."""
     verts = np.array([[-0.2, -0.35, -1.0], [0.2, -0.31, -1.0], [-0.17, 0.35, -1.0]])
     camera = Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (40, 40))
-    material = Material(ka=1.0, kd=0.0, ks=0.0, n=1.0)
-    mesh = Mesh(verts, np.array([[0, 1, 2]]), material=material)
+    mesh = Mesh(verts, np.array([[0, 1, 2]]), material=Material(ka=1.0, kd=0.0, ks=0.0, n=1.0))
     return Scene((mesh,), camera, (), np.ones(3), np.zeros(3), name="triangle")
 
 
@@ -84,8 +81,7 @@ def test_the_reference_approaches_the_covered_area_and_more_samples_the_referenc
     assert converged.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
     assert 0.0 < converged.error < 0.02
     chosen = named(variants_for(scene, base, device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
-    models = ModelErrors(scene, converged.settings, device)
-    measured = measure(scene, chosen, base, device, converged, models, frames=1)
+    measured = measure(scene, chosen, base, device, converged, ModelErrors(scene, converged.settings, device), frames=1)
     errors = [measurement.error for measurement in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
     assert fitted((1, 4, 16, 64), errors).exponent == pytest.approx(-0.75, abs=0.2)
@@ -150,7 +146,6 @@ CAUSES = {
 @pytest.mark.long
 @pytest.mark.parametrize("cause", CAUSES)
 def test_each_cause_is_found_where_it_is_planted(device, studied, monkeypatch, cause):
-    """What differs from the best settings has the error; all else is as before."""
     _, before = errors_of(studied, device, STANDARD)
     assert [*before] == [SAMPLING, ARITHMETIC, OUTPUT]
     if cause == ARITHMETIC:
@@ -169,5 +164,4 @@ def test_a_png_holds_no_radiance_above_one(device):
     """Below, its error is half a step: of the sRGB curve at most 2.4/1.055 / 255 wide, at white."""
     frame = render(sphere(), device=device)
     assert frame.rgb.max() > 1.01
-    off = np.abs(png_radiance(frame) - np.minimum(frame.rgb, 1.0))
-    assert 0.001 < off.max() < 0.005
+    assert 0.001 < np.abs(png_radiance(frame) - np.minimum(frame.rgb, 1.0)).max() < 0.005

@@ -1,33 +1,37 @@
-"""`clshade.verify`: images are judged from their files, by a random sample with a bound."""
-
-from __future__ import annotations
+"""`clshade.verify`: images are judged from their files, by a random sample with a bound; planted changes are found."""
 
 import json
 import math
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import assert_refused, needs_device, run
 from oracle_frames import frame_of
 from processes import ROOT
+from scene_files import write
 
 import clshade
+from clshade import oracle
 from clshade.errors import InputError
 from clshade.images import exr, png
+from clshade.measure.check import oracle_bounds
 from clshade.measure.verify.confidence import rounded_up, sampled, upper_bound
-from clshade.measure.verify.recorded_image import nearest_stored, read_record, stored_range
-from clshade.pipeline.frame_results import RECORD, sealed
+from clshade.measure.verify.recorded_image import nearest_stored, read_record, read_recorded, stored_range
+from clshade.measure.verify.verify import as_drawn, verified
+from clshade.pipeline import renderer
+from clshade.pipeline.frame_results import NOT_SEALED, RECORD, SEAL, sealed
 from clshade.scene.builtin import scenes
 from clshade.scene.description import PARTS
-from clshade.scene.model import Material, Mesh, Scene, Settings
-
-Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
+from clshade.scene.model import Material, Mesh, Scene, Settings, with_materials
 
 
 def scene() -> Scene:
@@ -35,8 +39,7 @@ def scene() -> Scene:
 
 
 def saved(folder: Path, **options: object) -> Path:
-    settings = Settings(layers=("Z", "id"))
-    frame_of(scene(), settings).save(folder / "teapot", **options)
+    frame_of(scene(), Settings(layers=("Z", "id"))).save(folder / "teapot", **options)
     return folder / "teapot.exr"
 
 
@@ -101,15 +104,8 @@ def test_nothing_of_it_imports_opencl(tmp_path, name, code):
     assert expected[code] in done.stdout
 
 
-def written_again(
-    path: Path,
-    record: Mapping[str, Any] = {},
-    storage: Mapping[str, Any] = {},
-    half=False,
-    change: Change | None = None,
-) -> None:
-    """Write an EXR with other fields of its record, None for none, and the seal that belongs to it, with changed channels or
-    as half."""
+def written_again(path: Path, record: Mapping = {}, storage: Mapping = {}, half=False, change=None):
+    """Write an EXR with other fields of its record, None for none, and the seal that belongs to it, or other channels."""
     planes, header = exr.read(path)
     new = {**json.loads(header[RECORD]), **record}
     new = {name: value for name, value in new.items() if value is not None}
@@ -129,11 +125,11 @@ def test_other_kernels_are_a_remark(tmp_path):
     assert "on a Würfel, as the header says" in lines
 
 
-def cut(name: str) -> Change:
+def cut(name: str):
     return lambda planes: {layer: plane for layer, plane in planes.items() if layer != name}
 
 
-def retyped(name: str, kind: type) -> Change:
+def retyped(name: str, kind: type):
     return lambda planes: {**planes, name: np.nan_to_num(planes[name], posinf=1.0).astype(kind)}
 
 
@@ -227,10 +223,8 @@ def test_pixels_whose_face_cannot_be_told_are_not_verified(tmp_path):
 
 
 def test_damaged_records_are_refused_in_one_line(tmp_path):
-    """Of any bytes a record is made, or one line says why none is."""
-    header = exr.read(saved(tmp_path))[1]
     random = np.random.default_rng(1)
-    text = header[RECORD].encode()
+    text = exr.read(saved(tmp_path))[1][RECORD].encode()
     refused = 0
     for k in range(300):
         at, end = sorted(random.integers(0, len(text), 2).tolist())
@@ -243,3 +237,210 @@ def test_damaged_records_are_refused_in_one_line(tmp_path):
             assert "\n" not in str(error)
             assert str(error).startswith("image.exr: ")
     assert refused > 250
+
+
+# Changes that are planted
+
+
+@dataclass(frozen=True)
+class Files:
+    planes: dict[str, np.ndarray]
+    header: dict[str, Any]
+    codes: np.ndarray | None
+    scene: Scene
+
+
+class Planting:
+    def __init__(self, folder: Path, half: bool) -> None:
+        self.half = half
+        image = read_recorded(saved(folder, half=half))
+        assert verified(image, [scene()], pixels="all").passed
+        self.files = Files(*exr.read(image.path), png.read(folder / "teapot.png", alpha=True), scene())
+        shown, settings = as_drawn(scene(), image.record), image.record.settings
+        expected = oracle.render(shown, settings)
+        bound = oracle_bounds.color_bound(expected, settings.precision)
+        limit = oracle_bounds.allowed(shown, settings) * bound + expected.jump
+        self.right, self.most = expected.rgb, np.maximum(limit, oracle_bounds.FLOAT32_TINY)
+        everywhere = np.ones(expected.alpha.shape, bool)
+        self.decided = ~(expected.unsure | oracle_bounds.depth_ties(shown, settings, everywhere))  # a tie is no fault
+
+    def color(self, change, files: Files, random) -> Files:
+        """Change colors of a pixel, a block or a part of a row by more than is allowed, without the PNG that would tell."""
+        rgb = np.stack([files.planes[name] for name in "RGB"], axis=-1)
+        while True:
+            rows, columns = random.choice([(1, 1), (4, 4), (1, 32)])
+            row, column = place(rgb[..., 0], random)
+            where = slice(row, row + int(rows)), slice(column, column + int(columns))
+            new = rgb.copy()
+            limit = (self.right + self.most)[where].astype(rgb.dtype)
+            new[where] = change(rgb[where].astype(np.float64), limit)
+            read = nearest_stored(new, self.right) if self.half else new.astype(np.float64)
+            is_wrong = ~(np.abs(read - self.right) <= self.most).all(axis=-1)
+            new = np.where((is_wrong & self.decided)[..., None], new, rgb)
+            if not np.array_equal(new, rgb, equal_nan=True):
+                planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
+                return replace(files, planes=planes, codes=None)
+
+
+def place(array: np.ndarray, random) -> tuple[int, ...]:
+    return tuple(int(random.integers(size)) for size in array.shape)
+
+
+def changed_layer(name: str, files: Files, random) -> Files:
+    plane = files.planes[name].copy()
+    at = place(plane, random)
+    value = plane[at]
+    wrong = {"id": value + 1, "A": 1.0 - value if value != 0.5 else 1.0}
+    plane[at] = wrong.get(name, value * np.float32(1.0 + 2.0**-18) if np.isfinite(value) else 1.0)
+    return replace(files, planes={**files.planes, name: plane})
+
+
+def changed_attribute(files: Files, random) -> Files:
+    ours = sorted(name for name in files.header if name not in NOT_SEALED - {SEAL} and name != RECORD)
+    name = ours[int(random.integers(len(ours)))]
+    value = files.header[name]
+    if isinstance(value, str):
+        value = value[:-1] + ("x" if value[-1:] != "x" else "y")
+    else:
+        value = np.float32(2.0) * value + 1 if isinstance(value, np.ndarray) else 2 * value + 1
+    changes: list[dict[str, Any]] = [{name: value}, {"added": "by someone"}]
+    changes += [] if name == "pixelAspectRatio" else [{name: None}]  # every file has one
+    return replace(files, header={**files.header, **changes[int(random.integers(len(changes)))]})
+
+
+def changed_record(files: Files, random) -> Files:
+    text = files.header[RECORD]
+    at = int(random.integers(len(text)))
+    new = text[:at] + str(random.choice(["", "0", "x", '"', "}", "9e999"])) + text[at + 1 :]
+    return replace(files, header={**files.header, RECORD: new if new != text else text + " "})
+
+
+def changed_scene(change, files: Files, random) -> Files:
+    return replace(files, scene=change(files.scene))
+
+
+def changed_code(files: Files, random) -> Files:
+    codes = files.codes.copy()
+    at = place(codes, random)
+    codes[at] += 1 if codes[at] < 255 else -1
+    return replace(files, codes=codes)
+
+
+def next_to(values: Any) -> np.ndarray:
+    values = np.asarray(values)
+    return np.nextafter(values, values.dtype.type(np.inf))
+
+
+COLORS = {  # of colors (K, L, 3) with the largest that are allowed
+    "an ulp beyond its bound": lambda rgb, limit: next_to(next_to(limit)),
+    "1 % brighter": lambda rgb, limit: 1.01 * rgb,
+    "NaN": lambda rgb, limit: np.full_like(rgb, np.nan),
+    "negative": lambda rgb, limit: -rgb - 1e-3,
+    "channels exchanged": lambda rgb, limit: rgb[..., ::-1],
+    "moved by a column": lambda rgb, limit: np.roll(rgb, 1, axis=1),
+}
+SCENES = {
+    "meshes": lambda scene: replace(scene, meshes=(*scene.meshes[1:], Mesh(np.eye(3), [[0, 1, 2]]))),
+    "materials": lambda scene: with_materials(scene, lambda material: replace(material, kd=next_to(material.kd))),
+    "lights": lambda scene: replace(scene, lights=()),
+    "camera": lambda scene: replace(scene, camera=replace(scene.camera, eye=next_to(scene.camera.eye))),
+}
+OTHERS = {"header attribute": changed_attribute, "header record": changed_record, "PNG code": changed_code}
+
+
+def written(path: Path, files: Files, half: bool) -> None:
+    metadata = {name: value for name, value in files.header.items() if name not in exr.PROTECTED}
+    exr.write(path, files.planes, metadata=metadata, half=half, compression=files.header["compression"])
+    path.with_suffix(".png").unlink(missing_ok=True)
+    if files.codes is not None:
+        png.write(path.with_suffix(".png"), files.codes)
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize(("count", "half"), [(30, True), (30, False), (1000, False)])
+def test_changes_are_found(tmp_path, count, half):
+    """Those of half floats are beyond what half hides. One after another of each kind is planted."""
+    planting = Planting(tmp_path, half)
+    kinds = [
+        *((f"color {name}", partial(planting.color, change)) for name, change in COLORS.items()),
+        *((f"layer {name}", partial(changed_layer, name)) for name in ("A", "id", "Z")),
+        *((f"scene {name}", partial(changed_scene, change)) for name, change in SCENES.items()),
+        *OTHERS.items(),
+    ]
+    for seed in range(count):
+        kind, change = kinds[seed % len(kinds)]
+        changed = change(planting.files, np.random.default_rng(seed))
+        written(tmp_path / "planted.exr", changed, half)
+        try:
+            is_found = not verified(read_recorded(tmp_path / "planted.exr"), [changed.scene], pixels="all").passed
+        except InputError:
+            is_found = kind == "header record"  # nothing may be left of it that can be judged
+        assert is_found, (kind, seed)
+
+
+CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+SMALL = ("--resolution", "64,48", "--samples", "1", "-q")
+
+
+@needs_device
+def test_an_image_is_found_again_by_its_header(folder, capsys):
+    (folder / "solid.obj").write_text(CUBE)
+    moved = ("--camera-azimuth-angle", "30", "--look", "plain", "--flat", "--light-intensity", "0.5")
+    assert run(capsys, "render", "solid.obj", "-o", "out", *moved, *SMALL)[0] == 0
+    code, out, err = run(capsys, "verify", "out.exr", "--all")
+    assert (code, err) == (0, [])
+    assert "0 of 3,072 pixels are wrong: every one was looked at" in out
+    new_folder = folder / "other"
+    new_folder.mkdir()
+    for name in ("out.exr", "out.png", "solid.obj"):
+        shutil.move(folder / name, new_folder / name)
+    code, out, _ = run(capsys, "verify", "other/out.exr", "--json", "--seed", "7", "--pixels", "100")
+    verdict = json.loads(out)
+    assert (code, verdict["passed"], verdict["pixels"], verdict["seed"]) == (0, True, 100, 7)
+    (new_folder / "solid.obj").write_text(CUBE.replace("v 1 0 0", "v 1.0000001 0 0"))
+    code, out, _ = run(capsys, "verify", "other/out.exr")
+    assert code == 1
+    assert "the scene is not the one that was drawn: its meshes" in out
+    write(folder / "given" / "solid.obj", CUBE)
+    assert run(capsys, "verify", "other/out.exr", "given/solid.obj", "--all")[0] == 0
+    (new_folder / "solid.obj").unlink()
+    assert_refused(run(capsys, "verify", "other/out.exr"), "solid.obj", "no such file")
+
+
+@needs_device
+def test_commands_of_strangers_do_nothing(folder, capsys):
+    assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
+    before = sorted(folder.iterdir())
+    drawn = "--samples=1 --resolution=64,48"
+    for command, expected in (
+        ("rm -rf out.exr", "expected clshade render"),
+        ("clshade render icosphere --no-such-option", "there is no option"),
+        ("clshade render icosphere teapot", "expected one scene, found 2"),
+        ("clshade render /dev/zero.obj", "found no such file"),
+        ("clshade render --samples=" + "9" * 5000, "verify: the header's command"),
+        ("clshade render nothing.obj --save-scene=made.glb -o made", "nothing.obj"),
+    ):
+        written_again(folder / "out.exr", {"command": command})
+        assert_refused(run(capsys, "verify", "out.exr"), expected)
+    written_again(
+        folder / "out.exr", {"command": f"clshade render icosphere {drawn} --save-scene=made.glb --output=made"}
+    )
+    assert run(capsys, "verify", "out.exr")[0] == 0
+    assert sorted(folder.iterdir()) == before
+    # It may not name another camera or other settings than those that the pixels show.
+    for changed, expected in (
+        ("--camera-azimuth-angle=77", "camera: the header differs from its command in eye"),
+        ("--shadows --samples=16", "settings: the header differs from its command in s"),
+    ):
+        written_again(folder / "out.exr", {"command": f"clshade render icosphere {drawn} {changed}"})
+        code, out, _ = run(capsys, "verify", "out.exr")
+        assert code == 1
+        assert expected in out
+
+
+@needs_device
+def test_a_contact_shadow_is_computed_again_without_a_device(folder, monkeypatch, capsys):
+    (folder / "solid.obj").write_text(CUBE)
+    assert run(capsys, "render", "solid.obj", "-o", "out", *SMALL)[0] == 0
+    monkeypatch.setattr(renderer, "Renderer", None)
+    assert run(capsys, "verify", "out.exr", "--all")[0] == 0

@@ -1,7 +1,5 @@
 """A small job for several processes or a cluster to draw."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any
@@ -13,17 +11,11 @@ from clshade.scene.camera import Camera
 from clshade.scene.model import Settings
 
 
-def job(**changes: object) -> Job:
-    arguments = {
-        "settings": Settings.from_preset("course"),
-        "device": None,
-        "saving": {"deterministic": True},
-        **changes,
-    }
-    return Job(builtin("icosphere"), **arguments)  # type: ignore[arg-type]
+def job(device: str | None = None) -> Job:
+    return Job(builtin("icosphere"), Settings.from_preset("course"), device=device, saving={"deterministic": True})
 
 
-def tasks(folder: Path, count: int, resolution: tuple[int, int]) -> list[Task]:
+def tasks(folder: Path, count: int, resolution: tuple[int, int] = (32, 24)) -> list[Task]:
     """Return frames 1 to `count` of a turn."""
     frames = parse_frames(f"1..{count}")
     cameras = orbit(builtin("icosphere").camera.with_resolution(resolution), frames.numbers, frames)

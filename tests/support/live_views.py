@@ -1,7 +1,5 @@
 """Live views for tests: a small scene, its source, and sessions whose time stands still."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any

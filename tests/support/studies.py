@@ -1,7 +1,5 @@
 """A small scene, and a small study of it, shared by several tests."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from clshade.measure.report import study

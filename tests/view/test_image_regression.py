@@ -1,7 +1,5 @@
 """The pytest plugin: an example project's tests pass, fail and are renewed; libraries, good and bad; its costs."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 from command_line import listing, needs_device
 from processes import ROOT
+from scene_files import write
 
 import clshade
 from clshade.errors import InputError, OutputError
@@ -51,21 +50,17 @@ def run(pytester, monkeypatch):
 def project(opened, pytester):
     """Return a function that writes the project's tests: those of the README, with one text replaced."""
 
-    def write(old="", new="", text=POT):
+    def make(old="", new="", text=POT):
         assert old in text
         return pytester.makepyfile(test_pot=text.replace(old, new))
 
-    write()
-    return write
+    make()
+    return make
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("test_pot_images*/*")} | {
-        "json": (folder / "test_pot_images.json").read_bytes()
-    }
-
-
-# The example project
+    pictures = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("test_pot_images*/*")}
+    return {**pictures, "json": (folder / "test_pot_images.json").read_bytes()}
 
 
 @pytest.mark.long
@@ -133,9 +128,6 @@ def test_references_may_be_left_out(project, pytester, run):
     run(passed=1)
 
 
-# Arguments
-
-
 @pytest.fixture
 def fixture(opened, request, tmp_path):
     """Return the fixture's object for the test that asks for it, with a library in a temporary folder."""
@@ -149,21 +141,17 @@ def fixture(opened, request, tmp_path):
     return make
 
 
-@pytest.mark.parametrize(
-    ("arguments", "options", "message"),
-    [
-        ((3,), {}, "clshade_image_regression: scene: expected a Scene or a Frame, found 3"),
-        (("teapot", ""), {}, "clshade_image_regression: name: expected 1 to 60 letters, digits, _, - and ., or None"),
-        (("teapot", "a/b"), {}, "clshade_image_regression: name: expected 1 to 60 letters"),
-        (("teapot",), {"smaples": 4}, "did you mean 'samples'?"),
-        (("teapot",), {"nme": "x"}, "did you mean 'name'?"),
-        (("teapot",), {"samples": 65}, "Settings: samples: expected"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "options", "message"), [
+    ((3,), {}, "clshade_image_regression: scene: expected a Scene or a Frame, found 3"),
+    (("teapot", ""), {}, "clshade_image_regression: name: expected 1 to 60 letters, digits, _, - and ., or None"),
+    (("teapot", "a/b"), {}, "clshade_image_regression: name: expected 1 to 60 letters"),
+    (("teapot",), {"smaples": 4}, "did you mean 'samples'?"),
+    (("teapot",), {"nme": "x"}, "did you mean 'name'?"),
+    (("teapot",), {"samples": 65}, "Settings: samples: expected"),
+])  # fmt: skip
 def test_refused_arguments(fixture, arguments, options, message):
-    scene = clshade.builtin("teapot") if arguments[0] == "teapot" else arguments[0]
     with pytest.raises(InputError, match=re.escape(message)) as caught:
-        fixture()(scene, *arguments[1:], **options)
+        fixture()(clshade.builtin("teapot") if arguments[0] == "teapot" else arguments[0], *arguments[1:], **options)
     assert "\n" not in str(caught.value)
 
 
@@ -186,7 +174,6 @@ def test_a_frame_has_no_options_and_each_image_a_name_of_its_own(fixture):
 
 
 def problems(compare, frame: Frame) -> list[str]:
-    """Return the lines that say how a frame differs."""
     with pytest.raises(pytest.fail.Exception) as caught:
         compare(frame)
     return [line.strip() for line in str(caught.value).splitlines()[1:-2]]
@@ -233,9 +220,6 @@ def test_references_that_are_not_there_or_of_other_hashes(fixture, tmp_path):
     assert (library.read_text(), path.is_file()) == (kept, True)
 
 
-# Files
-
-
 def test_a_folder_that_cannot_be_written(fixture, tmp_path, monkeypatch):
     def fail(*arguments, **options):
         raise OSError(30, "Read-only file system")
@@ -258,21 +242,18 @@ def test_where_the_files_of_a_difference_cannot_be_written(fixture, tmp_path):
     assert listing(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "file: expected content, found an empty file"),
-        ("{", "JSON: expected a library of images, found Expecting property name"),
-        ("{}", "clshade_images: expected version 1, found none"),
-        ('{"clshade_images": true, "images": {}}', "clshade_images: expected version 1, found True"),
-        ('{"clshade_images": 1, "image": {}}', "found 'image': did you mean 'images'?"),
-        ('{"clshade_images": 1, "images": {"a": {}, "a": {}}}', "found 'the key a twice'"),
-        ('{"clshade_images": 1, "images": {"a": 1}}', "images, 'a': expected an object, found 1"),
-        ('{"clshade_images": 1, "images": {"a": {"Z": "%s"}}}', "images, 'a': expected rgba among its keys, found Z"),
-        ('{"clshade_images": 1, "images": {"a": {"rgba": "%s0"}}}', "'a', rgba: expected type, shape and SHA-256"),
-        ('{"clshade_images": 1, "images": {"a": {"objectid": "%s"}}}', "'objectid': did you mean 'object_id'?"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("", "file: expected content, found an empty file"),
+    ("{", "JSON: expected a library of images, found Expecting property name"),
+    ("{}", "clshade_images: expected version 1, found none"),
+    ('{"clshade_images": true, "images": {}}', "clshade_images: expected version 1, found True"),
+    ('{"clshade_images": 1, "image": {}}', "found 'image': did you mean 'images'?"),
+    ('{"clshade_images": 1, "images": {"a": {}, "a": {}}}', "found 'the key a twice'"),
+    ('{"clshade_images": 1, "images": {"a": 1}}', "images, 'a': expected an object, found 1"),
+    ('{"clshade_images": 1, "images": {"a": {"Z": "%s"}}}', "images, 'a': expected rgba among its keys, found Z"),
+    ('{"clshade_images": 1, "images": {"a": {"rgba": "%s0"}}}', "'a', rgba: expected type, shape and SHA-256"),
+    ('{"clshade_images": 1, "images": {"a": {"objectid": "%s"}}}', "'objectid': did you mean 'object_id'?"),
+])  # fmt: skip
 def test_bad_libraries(fixture, tmp_path, text, message):
     path = tmp_path / "test_images.json"
     path.write_text(text.replace("%s", DIGEST))
@@ -319,8 +300,7 @@ def test_processes_that_renew_one_library_at_once_lose_nothing(tmp_path):
     assert [process.wait(60) for process in running] == [0, 0]
     keys = [f"{name}{number:02}" for name in "ab" for number in range(20)]
     assert list(image_regression.read_library(tmp_path / "test_images.json")) == keys
-    files = ["test_images", "test_images.json", *(f"test_images/{key}.exr" for key in keys)]
-    assert listing(tmp_path) == sorted(files)
+    assert listing(tmp_path) == sorted(["test_images", "test_images.json", *(f"test_images/{key}.exr" for key in keys)])
 
 
 def test_a_library_that_stays_locked_or_is_a_folder(tmp_path, monkeypatch):
@@ -333,17 +313,13 @@ def test_a_library_that_stays_locked_or_is_a_folder(tmp_path, monkeypatch):
         image_regression.read_library(tmp_path / "a_images.json")
 
 
-# The plugin
-
-
 def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch):
     """Installed as a distribution with this entry point alone: found, loaded, and nothing heavy with it."""
     entry = re.escape(f'[project.entry-points.pytest11]\nclshade = "{PLUGIN}"\n')
     assert re.search(f"^{entry}", (ROOT / "pyproject.toml").read_text(), re.M)
     installed = pytester.path / "installed" / "clshade_plugin-1.dist-info"
-    installed.mkdir(parents=True)
-    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: clshade-plugin\nVersion: 1\n")
-    (installed / "entry_points.txt").write_text(f"[pytest11]\nclshade = {PLUGIN}\n")
+    write(installed / "METADATA", "Metadata-Version: 2.1\nName: clshade-plugin\nVersion: 1\n")
+    write(installed / "entry_points.txt", f"[pytest11]\nclshade = {PLUGIN}\n")
     pytester.makepyfile(
         """
         import sys
@@ -353,19 +329,16 @@ def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch)
         """
     )
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(installed.parent), str(ROOT)]))
-    exclusions = [f"-pno:{name}" for name in ("hypothesispytest", "anyio")]
-    pytester.runpytest_subprocess(*exclusions).assert_outcomes(passed=1)
+    pytester.runpytest_subprocess("-pno:hypothesispytest", "-pno:anyio").assert_outcomes(passed=1)
 
 
 @pytest.mark.parametrize("plugin", ["regressions", "others"])
 def test_another_plugin_keeps_its_fixture_of_the_same_name(pytester, run, plugin):
-    """Without one, the short name is the same fixture."""
     test = "def test(image_regression, clshade_image_regression):\n    assert {} == clshade_image_regression\n"
     pytester.makepyfile(test_short=test.format("image_regression"))
     run("test_short.py", passed=1)
     theirs = "import pytest\n@pytest.fixture\ndef image_regression():\n    return 'theirs'\n"
-    other = test.replace("{} ==", "image_regression == 'theirs' !=")
-    pytester.makepyfile(**{plugin: theirs, "test_both": other})
+    pytester.makepyfile(**{plugin: theirs, "test_both": test.replace("{} ==", "image_regression == 'theirs' !=")})
     pytester.syspathinsert()
     run("-p", plugin, "test_both.py", passed=1)
 

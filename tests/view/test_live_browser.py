@@ -1,7 +1,5 @@
 """The live view in a browser: mouse and keys, values as rendered, and controls."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
@@ -9,6 +7,7 @@ import shlex
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,21 +43,16 @@ def served(*arguments: object) -> Iterator[LiveServer]:
         server = LiveServer(open_scene, listening, lambda host: live_page("a scene", host))
         loop, ready = asyncio.new_event_loop(), threading.Event()
         task = loop.create_task(server.serve(ready.set))
-
-        def run() -> None:
-            with contextlib.suppress(asyncio.CancelledError):
-                loop.run_until_complete(task)
-            loop.close()
-
-        thread = threading.Thread(target=run)
-        thread.start()
-        assert ready.wait(60.0)
-        try:
-            yield server
-        finally:
-            loop.call_soon_threadsafe(task.cancel)
-            thread.join(60.0)
-            assert not thread.is_alive()
+        with ThreadPoolExecutor(1) as pool:
+            ended = pool.submit(loop.run_until_complete, task)
+            assert ready.wait(60.0)
+            try:
+                yield server
+            finally:
+                loop.call_soon_threadsafe(task.cancel)
+                with contextlib.suppress(asyncio.CancelledError):
+                    ended.result(60.0)
+                loop.close()
 
 
 @contextlib.contextmanager
@@ -250,6 +244,5 @@ def test_a_file_that_changes_and_the_end_of_the_server(browser, tmp_path):
         page.click("#changed button")
         until(page, "document.getElementById('notice').textContent.includes('a.obj')")
         (client,) = page.server.clients
-        loop = client.socket._loop
-        asyncio.run_coroutine_threadsafe(client.socket.close(), loop).result(10.0)
+        asyncio.run_coroutine_threadsafe(client.socket.close(), client.socket._loop).result(10.0)
         until(page, "document.body.classList.contains('ended')")

@@ -1,7 +1,5 @@
 """The live view over real sockets: who is let in, clients of their own, and what is left after they go."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import functools
@@ -87,10 +85,9 @@ class Client:
 
 @contextlib.asynccontextmanager
 async def client(server: LiveServer) -> AsyncIterator[Client]:
-    origin = f"http://{HOST}:{server.port}"
     async with (
         aiohttp.ClientSession() as session,
-        session.ws_connect(f"{server.url}live", origin=origin, max_msg_size=0) as ws,
+        session.ws_connect(f"{server.url}live", origin=f"http://{HOST}:{server.port}", max_msg_size=0) as ws,
     ):
         yield Client(ws)
 
@@ -114,7 +111,6 @@ async def until(condition: Callable[[], bool]) -> None:
 
 @in_loop
 async def test_only_the_own_page_with_the_token_is_let_in():
-    """On loopback alone; the page keeps its address to itself."""
     with listen(None) as listening:
         assert listening.getsockname()[0] == "127.0.0.1"
     async with serving() as server, aiohttp.ClientSession() as session:
@@ -352,15 +348,13 @@ def test_a_port_that_is_taken_and_without_aiohttp(capsys, monkeypatch):
 @pytest.mark.long
 def test_an_interrupt_ends_the_view(tmp_path):
     command = [sys.executable, "-m", "clshade", "view", *SMALL, "--stats"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    process = subprocess.Popen(command, cwd=tmp_path, env=environment, **pipes)
+    process = subprocess.Popen(command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
     assert process.stdout is not None
     url = process.stdout.readline().strip()
 
     async def look() -> None:
-        token = url.split("/")[3]
-        origin = url.removesuffix(f"/{token}/")
+        origin = url.removesuffix(f"/{url.split('/')[3]}/")
         async with aiohttp.ClientSession() as session, session.ws_connect(f"{url}live", origin=origin) as ws:
             one = Client(ws)
             await one.next("image")

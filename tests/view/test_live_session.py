@@ -1,8 +1,7 @@
-"""Sessions of a live view without a network: camera, refinement, the latest input, probe and snapshot."""
-
-from __future__ import annotations
+"""Sessions of a live view without a network: messages, camera, refinement, the latest input, probe and snapshot."""
 
 import math
+import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -11,37 +10,29 @@ import numpy as np
 import pytest
 from command_line import assert_refused, needs_device, run, scene_of
 from live_views import SMALL, all_drawings, next_drawing, session_of, source_of, unpacked
-from scene_files import write
+from processes import ROOT
+from scene_files import TRIANGLE, same, write
 
 import clshade
 from clshade import exr
 from clshade.cli.main import main
 from clshade.errors import InputError
-from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.frame import same_bits
+from clshade.view import live_input
+from clshade.view.live_input import ANSWERED, MESSAGES
 from clshade.view.live_scene import MAX_PIXELS, LiveScene
-from clshade.view.live_session import Session, Task
+from clshade.view.live_session import Session, Task, pack_picture
+from clshade.view.page import live_page
 
 pytestmark = needs_device
 
-
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 1 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-
-
-def assert_drawn_by(command: str, frame: Frame) -> None:
-    """The command, which writes `again`, draws the same."""
-    assert main(shlex.split(command)[1:]) == 0
-    again = exr.read("again.exr")[0]
-    for name, plane in exr.flatten(frame.channels()).items():
-        np.testing.assert_array_equal(again[name], plane, err_msg=name)
 
 
 def test_the_pictures_of_a_still_view_and_their_order():
     session, clock = session_of(*SMALL, "--samples", "16", "--layers", "Z,id")
-    assert session.description()["lightNames"] == [
-        "PointLight at 1 1 0, intensity 1 1 1",
-        "PointLight at -2 0.5 0, intensity 0.6 0.3 0.2",
-    ]
+    lights = ["PointLight at 1 1 0, intensity 1 1 1", "PointLight at -2 0.5 0, intensity 0.6 0.3 0.2"]
+    assert session.description()["lightNames"] == lights
     drawings = all_drawings(session, clock)
     headers = [unpacked(drawing.message)[0] for drawing in drawings]
     assert [(h["samples"], h["type"], h["moving"], h["last"]) for h in headers] == [
@@ -53,12 +44,9 @@ def test_the_pictures_of_a_still_view_and_their_order():
     frame = clshade.render(scene_of(*SMALL), samples=16, layers=("Z", "id"), resolution=(40, 30))
     assert same_bits(drawings[-1].frame, frame)
     assert list(arrays) == ["R", "G", "B", "A", "Z", "id"]
-    for name, plane in exr.flatten(frame.channels()).items():
-        np.testing.assert_array_equal(arrays[name], plane)
-    assert arrays["id"].dtype == np.uint32
+    assert same(arrays, exr.flatten(frame.channels()))
     coarse = unpacked(drawings[0].message)[1]["rgba"]
-    one = clshade.render(scene_of(*SMALL), resolution=(40, 30))
-    np.testing.assert_array_equal(coarse[..., :3], one.to_png8())
+    np.testing.assert_array_equal(coarse[..., :3], clshade.render(scene_of(*SMALL), resolution=(40, 30)).to_png8())
     assert (coarse[..., 3] == 255).all()
     assert {"frame", "convert", "total"} <= header["times_ms"].keys()
 
@@ -97,7 +85,8 @@ def test_an_input_gives_another_picture_and_its_command_draws_it(folder, argumen
     drawings = [next_drawing(session), *all_drawings(session, clock)]
     assert drawings[0].task.is_first
     assert not same_bits(before, drawings[-1].frame)
-    assert_drawn_by(session.command("again"), drawings[-1].frame)
+    assert main(shlex.split(session.command("again"))[1:]) == 0
+    assert same(exr.read("again.exr")[0], exr.flatten(drawings[-1].frame.channels()))
     kind, values = messages[-1]["type"], session.options()["settings"]
     if kind == "set":
         switches = {name: value for name, value in messages[-1].items() if name in values and name != "background"}
@@ -108,7 +97,6 @@ def test_an_input_gives_another_picture_and_its_command_draws_it(folder, argumen
 
 
 def test_the_latest_input_wins():
-    """However many inputs come while a picture is drawn, the next is that of the last."""
     session, _ = session_of()
     task = session.due()
     assert isinstance(task, Task)
@@ -124,8 +112,7 @@ def test_the_latest_input_wins():
 def test_more_samples_wait_until_the_view_has_been_still_for_as_long_as_they_take():
     session, clock = session_of(*SMALL, "--samples", "4")
     next_drawing(session, ms=10.0)
-    wait = session.due()
-    assert wait == pytest.approx(0.02)  # twice as long as with one sample, as a guess
+    assert session.due() == pytest.approx(0.02)  # twice as long as with one sample, as a guess
     clock.now += 0.02
     assert next_drawing(session, ms=100.0).task.step.last
     session.handle({"type": "orbit", "right": 1.0})
@@ -159,11 +146,9 @@ def test_a_picture_has_the_size_of_its_window():
     assert session.version == version  # nothing to draw again
     # A narrow window shows as much from left to right as the scene's own picture does.
     session.handle({"type": "size", "columns": 30, "rows": 40})
-    height, width = session.view.camera.plane
-    own_height, own_width = session._scene.scene.camera.plane
-    focal = session._scene.scene.camera.focal
-    assert width / session.view.camera.focal == pytest.approx(own_width / focal)
-    assert height / session.view.camera.focal > own_height / focal
+    camera, own = session.view.camera, session._scene.scene.camera
+    assert camera.plane[1] / camera.focal == pytest.approx(own.plane[1] / own.focal)
+    assert camera.plane[0] / camera.focal > own.plane[0] / own.focal
     session.handle({"type": "size", "columns": 8000, "rows": 4000})
     columns, rows = session.view.camera.resolution
     assert columns * rows <= MAX_PIXELS < 1.01 * columns * rows
@@ -199,31 +184,27 @@ def test_switches_are_those_that_the_scene_allows():
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    "message",
-    [
-        {"type": ["orbit"]},
-        {"type": "orbit", "right": "x"},
-        {"type": "orbit", "right": math.inf},
-        {"type": "dolly", "factor": 0},
-        {"type": "dolly"},
-        {"type": "set", "shader": "toon"},
-        {"type": "set", "samples": 65},
-        {"type": "set", "exposure": math.nan},
-        {"type": "set", "exposure": 10**400},
-        {"type": "set", "tonemap": "x"},
-        {"type": "set", "lights": [1.0]},
-        {"type": "set", "lights": [-1.0, 1.0, 1.0]},
-        {"type": "set", "layers": ["Y"]},
-        {"type": "set", "output": "/etc/passwd"},
-        {"type": "set", "environment": "/etc/passwd"},
-        {"type": "set", "environment": ["studio"]},
-        {"type": "set", "ground": 1},
-        {"type": "set", "background": "environment"},
-        {"type": "fly", "forward": 1e308},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("message", [
+    {"type": ["orbit"]},
+    {"type": "orbit", "right": "x"},
+    {"type": "orbit", "right": math.inf},
+    {"type": "dolly", "factor": 0},
+    {"type": "dolly"},
+    {"type": "set", "shader": "toon"},
+    {"type": "set", "samples": 65},
+    {"type": "set", "exposure": math.nan},
+    {"type": "set", "exposure": 10**400},
+    {"type": "set", "tonemap": "x"},
+    {"type": "set", "lights": [1.0]},
+    {"type": "set", "lights": [-1.0, 1.0, 1.0]},
+    {"type": "set", "layers": ["Y"]},
+    {"type": "set", "output": "/etc/passwd"},
+    {"type": "set", "environment": "/etc/passwd"},
+    {"type": "set", "environment": ["studio"]},
+    {"type": "set", "ground": 1},
+    {"type": "set", "background": "environment"},
+    {"type": "fly", "forward": 1e308},
+], ids=str)  # fmt: skip
 def test_other_inputs_are_refused_and_change_nothing(message):
     session, _ = session_of("teapot", "--resolution", "40,30")
     before = session.view, session.version, session.display
@@ -237,8 +218,7 @@ def test_the_probe_has_every_layer_of_the_final_picture():
     session.handle({"type": "dolly", "factor": 3.0})
     frame = clshade.render(replace(scene_of(*SMALL), camera=session.view.camera), samples=4, layers="all")
     planes = exr.flatten(frame.channels())
-    probe = session.probe(20, 12)
-    assert probe["values"] == {name: np.float32(plane[12, 20]) for name, plane in planes.items()}
+    assert session.probe(20, 12)["values"] == {name: np.float32(plane[12, 20]) for name, plane in planes.items()}
     assert session.probe(0, 0)["values"]["Z"] == "inf"
     for place in ((40, 0), (0, 30), (-1, 0), (None, 0), ("1", 0), (0.5, 0)):
         with pytest.raises(InputError, match="probe"):
@@ -269,21 +249,19 @@ def test_names_that_look_like_options(folder, capsys):
     session, _ = session_of("--resolution", "8,6", "--samples", "1", "--", "-a.obj")
     snapshot = session.snapshot()
     assert snapshot["files"] == ["-a-1.exr", "-a-1.png"]
-    pictures = [Path(name) for name in snapshot["files"]]
-    written = pictures[1].read_bytes()
-    for picture in pictures:
-        picture.unlink()
+    written = Path("-a-1.png").read_bytes()
+    for name in snapshot["files"]:
+        Path(name).unlink()
     assert main(shlex.split(snapshot["command"])[1:]) == 0, capsys.readouterr()
-    assert pictures[1].read_bytes() == written
+    assert Path("-a-1.png").read_bytes() == written
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("options", OPTIONS)
 def test_a_snapshot_is_what_its_command_renders(folder, capsys, options):
     write(folder / "pyramid.obj", PYRAMID)
-    common_options = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
     name, *further = options.split()
-    session, clock = session_of(name, *common_options, *further)
+    session, clock = session_of(name, "--resolution", "41,30", "--samples", "2", "-o", "a b", *further)
     session.handle({"type": "orbit", "right": 33.3, "up": -12.1})
     session.handle({"type": "pan", "right": 0.01, "up": -0.1})
     session.handle({"type": "dolly", "factor": 0.77})
@@ -294,18 +272,12 @@ def test_a_snapshot_is_what_its_command_renders(folder, capsys, options):
         session.handle({"type": "set", "exposure": 1.5, "tonemap": "reinhard"})
     drawn = all_drawings(session, clock)[-1].frame
     snapshot = session.snapshot()
-    assert snapshot["files"] == ["a b-1.exr", "a b-1.png"]
-    assert snapshot["warnings"] == []
+    assert (snapshot["files"], snapshot["warnings"]) == (["a b-1.exr", "a b-1.png"], [])
     assert same_bits(drawn, session._scene.render(session.view))
     program, *arguments = shlex.split(snapshot["command"])
     assert program == "clshade"
-    again = [*arguments[:-1], "again"]
-    assert main(again) == 0, capsys.readouterr()
-    channels, rendered = (exr.read(f"{stem}.exr")[0] for stem in ("a b-1", "again"))
-    assert channels.keys() == rendered.keys()
-    for name, plane in channels.items():
-        assert plane.dtype == rendered[name].dtype
-        np.testing.assert_array_equal(plane, rendered[name], err_msg=name)
+    assert main([*arguments[:-1], "again"]) == 0, capsys.readouterr()
+    assert same(*(exr.read(f"{stem}.exr")[0] for stem in ("a b-1", "again")))
     assert Path("a b-1.png").read_bytes() == Path("again.png").read_bytes()
     assert session.snapshot()["files"] == ["a b-2.exr", "a b-2.png"]
 
@@ -367,8 +339,7 @@ def test_a_file_that_changes_is_read_again_and_the_camera_stays(tmp_path):
     scene.load()
     session.reloaded()
     assert scene.source.stamps() == scene.stamps
-    after = all_drawings(session, clock)[-1]
-    assert not same_bits(before.frame, after.frame)
+    assert not same_bits(before.frame, all_drawings(session, clock)[-1].frame)
     for name in ("eye", "lookat", "up"):
         np.testing.assert_array_equal(getattr(session.view.camera, name), getattr(camera, name))
     write(tmp_path / "a.obj", "f 1 2 3\n")
@@ -383,24 +354,70 @@ def test_a_file_that_changes_is_read_again_and_the_camera_stays(tmp_path):
     assert len(all_drawings(session, clock)) == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        (("none",), ["SCENE", "found 'none'"]),
-        (("none.obj",), ["none.obj"]),
-        (("teapot", "--light-intensity", "1,2"), ["--light-intensity", "3: one for each light"]),
-        (("teapot", "--samples", "0"), ["samples"]),
-        (("teapot", "--exposure", "999"), ["exposure"]),
-        (("teapot", "-o", "none/x"), ["none"]),
-        (("teapot", "--port", "70000"), ["--port"]),
-        (("teapot", "a.exr"), ["expected one scene, or images, found teapot and a.exr"]),
-        (("teapot", "quads"), ["expected one scene, or images, found teapot and quads"]),
-        (("a.exr", "--port", "80"), ["--port: is for a scene, not for images"]),
-        (("a.exr", "--samples", "4"), ["--samples: is for a scene, not for images"]),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("arguments", "parts"), [
+    (("none",), ["SCENE", "found 'none'"]),
+    (("none.obj",), ["none.obj"]),
+    (("teapot", "--light-intensity", "1,2"), ["--light-intensity", "3: one for each light"]),
+    (("teapot", "--samples", "0"), ["samples"]),
+    (("teapot", "--exposure", "999"), ["exposure"]),
+    (("teapot", "-o", "none/x"), ["none"]),
+    (("teapot", "--port", "70000"), ["--port"]),
+    (("teapot", "a.exr"), ["expected one scene, or images, found teapot and a.exr"]),
+    (("teapot", "quads"), ["expected one scene, or images, found teapot and quads"]),
+    (("a.exr", "--port", "80"), ["--port: is for a scene, not for images"]),
+    (("a.exr", "--samples", "4"), ["--samples: is for a scene, not for images"]),
+], ids=str)  # fmt: skip
 def test_bad_options_are_refused_in_one_line(folder, monkeypatch, capsys, arguments, parts):
     pytest.importorskip("aiohttp")
     monkeypatch.setattr("clshade.view.live_server.QUIET_SECONDS", 60.0)  # on a machine however busy
     assert_refused(run(capsys, "view", *arguments), *parts)
+
+
+# Messages, and moves of the camera
+
+CAMERA = clshade.Camera.from_fov((3.0, 4.0, 12.0), (0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 40.0)
+
+
+def test_messages_hold_their_arrays_at_multiples_of_eight_bytes():
+    arrays = {"A": np.arange(15, dtype=np.float32).reshape(3, 5), "id": np.full((3, 5), 2**31, np.uint32)}
+    header, planes = unpacked(pack_picture({"width": 5, "height": 3, "name": "ü"}, arrays))
+    assert header["name"] == "ü"
+    assert [entry["offset"] % 8 for entry in header["arrays"]] == [0, 0]
+    assert all(np.array_equal(planes[name], array) for name, array in arrays.items())
+
+
+def distance(camera):
+    return math.dist(camera.eye, camera.lookat)
+
+
+def test_moves_of_the_camera():
+    moved = live_input.orbit(CAMERA, 90.0, 0.0)
+    np.testing.assert_allclose(moved.eye, (12.0, 4.0, -3.0), atol=1e-12)
+    np.testing.assert_array_equal(moved.lookat, CAMERA.lookat)
+    high = live_input.orbit(CAMERA, 0.0, 1000.0)
+    assert live_input.elevation(high) == pytest.approx(89.5)
+    assert live_input.elevation(live_input.orbit(high, 0.0, -1000.0)) == pytest.approx(-89.5)
+    assert distance(high) == pytest.approx(13.0)
+    moved = live_input.pan(CAMERA, 0.0, 1.0)  # by the image's height: what is seen leaves it
+    assert distance(moved) == pytest.approx(13.0)
+    shift = moved.lookat - CAMERA.lookat
+    assert np.linalg.norm(shift) == pytest.approx(2.0 * 13.0 * math.tan(math.radians(20.0)))
+    assert shift @ (CAMERA.lookat - CAMERA.eye) == pytest.approx(0.0, abs=1e-12)
+    near = live_input.dolly(CAMERA, 1e-30, CAMERA)
+    assert distance(near) == pytest.approx(13.0 * live_input.NEAREST)
+    assert distance(live_input.dolly(near, 1e30, CAMERA)) == pytest.approx(13.0 * live_input.FARTHEST)
+    moved = live_input.fly(CAMERA, 0.0, 0.0, 0.5)
+    np.testing.assert_allclose(moved.eye, CAMERA.eye / 2.0)
+    np.testing.assert_allclose(moved.lookat, -CAMERA.eye / 2.0)
+
+
+def test_the_page_and_the_server_send_what_the_other_knows():
+    """By the types in their sources; a picture's message has none in text."""
+    view = ROOT / "clshade" / "view"
+    scripts = "\n".join(path.read_text() for path in (view / "page").glob("live*.js"))
+    assert set(re.findall(r'send\(\{ type: "(\w+)"', scripts)) == MESSAGES.keys()
+    sources = "\n".join((view / name).read_text() for name in ("live_server.py", "live_session.py"))
+    sent = {*re.findall(r'"type": "(\w+)"[,}]', sources), *ANSWERED} - {"size"}
+    (handlers,) = re.findall(r"handlers\(\) {\n    return {\n(.*?)\n    };", scripts, re.DOTALL)
+    assert set(re.findall(r"^      (\w+): ", handlers, re.MULTILINE)) == sent
+    assert "<img" not in live_page("</title></script><img src=x onerror=alert(1)>", "127.0.0.1:1")

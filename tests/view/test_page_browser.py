@@ -1,7 +1,5 @@
 """The page for images in a browser: values, colors, layers, comparison, keys; with WebGL and without."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -52,7 +50,6 @@ def ramp():
 
 
 def channels_of_a():
-    rgb = ramp()
     normals = np.zeros((ROWS, COLUMNS, 3), np.float32)
     normals[:, 8:, 2] = -1.0
     normals[:, 16:] = np.float32([0.6, 0.0, -0.8])
@@ -62,7 +59,7 @@ def channels_of_a():
     uv = np.stack([depth, -3.0 * depth], axis=-1)
     uv[:4] = 0.25
     places = np.stack([np.full_like(depth, 3.0), *uv.transpose(2, 0, 1)], axis=-1)
-    layers = {"RGB": rgb, "Z": depth, "N": normals, "object_id": numbers, "uv": uv, "P": places}
+    layers = {"RGB": ramp(), "Z": depth, "N": normals, "object_id": numbers, "uv": uv, "P": places}
     return {**layers, HOSTILE: depth[::-1]}
 
 
@@ -72,8 +69,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     names = json.dumps({"1": HOSTILE, "3009": "handle"})
     exr.write(folder / "a.exr", channels_of_a(), metadata={"comment": HOSTILE, "objectNames": names})
-    brighter = ramp()[:40, :50] + np.float32([1, 0, 0])
-    exr.write(folder / "b.exr", {"RGB": brighter}, half=True)
+    exr.write(folder / "b.exr", {"RGB": ramp()[:40, :50] + np.float32([1, 0, 0])}, half=True)
     Image.fromarray(np.resize(np.arange(256, dtype=np.uint8), (ROWS, COLUMNS, 3))).save(folder / "c.png")
     return folder
 
@@ -81,8 +77,7 @@ def files(tmp_path_factory):
 @pytest.fixture(scope="module")
 def written(files):
     names = {HOSTILE: "a.exr", "b": "b.exr", "c": "c.png"}
-    images = {name: read_picture(files / file) for name, file in names.items()}
-    page.view(images, HOSTILE).save(files / "page.html")
+    page.view({name: read_picture(files / file) for name, file in names.items()}, HOSTILE).save(files / "page.html")
     return files / "page.html"
 
 
@@ -142,8 +137,7 @@ def test_the_histogram_counts_every_pixel(shown):
     histograms = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
     finite = ramp()[..., 0].astype(float)
     finite = finite[np.isfinite(finite) & (finite > 0)]
-    edges = np.arange(-256, 257) / 8.0
-    assert histograms[1] == np.histogram(np.log2(finite), edges)[0].tolist()
+    assert histograms[1] == np.histogram(np.log2(finite), np.arange(-256, 257) / 8.0)[0].tolist()
     assert sum(histograms[0]) == ROWS * COLUMNS - 1  # the first pixel's luminance is infinite
     assert shown.evaluate("filledBins([new Uint32Array(BIN_COUNT)])") == [(32 - 8) * 8, (32 + 4) * 8 - 1]  # about 1
 
@@ -264,7 +258,6 @@ def test_scripts_group_channels_and_decode_halves_as_the_library_does(shown):
 
 
 def test_without_webgl(launch, written):
-    """Drawn by the processor, and said so; the same colors."""
     plain = launch(*WITHOUT_GL)
     shown = opened(plain, written)
     assert "No WebGL 2" in shown.text_content("#notice")
@@ -294,8 +287,7 @@ def test_damaged_data_is_said(browser, written, tmp_path):
 
 def test_in_a_notebook(browser, written, tmp_path):
     """A notebook's document may have a policy of its own, which frames inherit; this one allows what Jupyter's does."""
-    made = page.Page(written.read_text("utf-8"))
-    text = f"<!DOCTYPE html><html data-ready><body>{made._repr_html_()}</body></html>"
+    text = f"<!DOCTYPE html><html data-ready><body>{page.Page(written.read_text('utf-8'))._repr_html_()}</body></html>"
     (tmp_path / "a.html").write_text(text, "utf-8")
     shown = opened(browser, tmp_path / "a.html")
     inner = shown.frames[1]

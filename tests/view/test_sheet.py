@@ -1,7 +1,5 @@
 """Sheets of views: what they show is where the facts say, and as large; and the files of `render --views` and crops."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -123,8 +121,6 @@ def test_refused_arguments():
     assert [path.name for path in sheet_paths("a/b.c.JSON")] == ["b.c.png", "b.c.json"]
 
 
-# The command
-
 QUADS = ("render", "quads", "--resolution", "40,30", "--shader", "nolight", "--tonemap", "none")
 
 
@@ -142,25 +138,6 @@ def test_a_sheet_is_written(folder, capsys):
     assert (code, done["scene"], done["name"], len(done["views"])) == (2, "quads", "quads", 1)
     assert "none.npy" in failed["error"]
     assert listing(folder / "new") == ["quads.json", "quads.png"]
-
-
-@pytest.mark.parametrize(
-    ("options", "parts"),
-    [
-        (("--views", "font"), ("--views", "did you mean 'front'")),
-        (("--crop-zoom", "1,2,3"), ("--crop-zoom", "X,Y,W,H", "'1,2,3'")),
-        (("--crop-zoom", "1,2,40,3"), ("--crop-zoom", "within 40 x 30 pixels", "1,2,40,3")),
-        (("--sheet", "--crop-zoom", "1,2,4,3"), ("--crop-zoom", "--sheet")),
-        (("--sheet", "--compression", "zips"), ("--compression", "--sheet")),
-        (("--fixed-lights",), ("--fixed-lights", "--views or --sheet")),
-        (("--sheet", "-o", "none/s"), ("none/s.png", "there is no folder")),
-        (("--crop-zoom", "1,2,4,3", "-o", "taken"), ("taken_crop.png", "it is a folder")),
-    ],
-)
-def test_refused_options(folder, capsys, options, parts):
-    (folder / "taken_crop.png").mkdir()
-    assert_refused(run(capsys, *QUADS, *options), *parts)
-    assert listing(folder) == ["taken_crop.png"]
 
 
 def test_a_sheet_is_written_whole_or_not_at_all(folder, monkeypatch, capsys):

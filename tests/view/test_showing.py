@@ -1,7 +1,5 @@
 """Display of frames and scenes in notebooks: through IPython's formatters if installed, else by their methods."""
 
-from __future__ import annotations
-
 import io
 import json
 import re
@@ -11,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageShow
 
 import clshade
 from clshade.errors import DeviceError, OutputError
@@ -37,14 +35,10 @@ def frame():
     normals = np.zeros((6, 8, 3), np.float32)
     normals[2:4, :, 2] = -1.0
     uv = np.full((6, 8, 2), 0.5, np.float32)
-    layers = {
-        "Z": depth,
-        "id": np.arange(48, dtype=np.uint32).reshape(6, 8),
-        "N": normals,
-        "P": 7.0 * normals,
-        "uv": uv,
-    }
-    return frame_of(rgba, {**layers, "albedo": rgba[..., :3].copy(), "barycentrics": rgba[..., :3].copy()})
+    ids, rgb = np.arange(48, dtype=np.uint32).reshape(6, 8), rgba[..., :3].copy()
+    return frame_of(
+        rgba, {"Z": depth, "id": ids, "N": normals, "P": 7.0 * normals, "uv": uv, "albedo": rgb, "barycentrics": rgb}
+    )
 
 
 def decoded(data):
@@ -74,8 +68,6 @@ def test_the_figure_has_every_layer(frame, monkeypatch):
 
 
 def test_show_opens_a_viewer_outside_of_notebooks(frame, monkeypatch):
-    from PIL import ImageShow
-
     shown = []
 
     class Viewer:
@@ -117,13 +109,9 @@ def test_a_frame_as_a_page(frame, tmp_path):
     (image,) = manifest["images"]
     assert image["name"] == "quads"
     assert image["info"]["header"]["scene"].startswith("quads, ")
-    course = frame_of(np.zeros((2, 2, 4)), preset="course").view()
-    assert '"operator": "none"' in course.html
+    assert '"operator": "none"' in frame_of(np.zeros((2, 2, 4)), preset="course").view().html
     with pytest.raises(OutputError, match="no folder"):
         frame.view(tmp_path / "none" / "a.html")
-
-
-# Scenes
 
 
 def drawn(monkeypatch):
@@ -143,8 +131,7 @@ def test_a_scene_is_drawn_small(monkeypatch, resolution, small):
     calls = drawn(monkeypatch)
     scene = clshade.builtin("quads")
     scene = replace(scene, camera=scene.camera.with_resolution(resolution))
-    formatters = pytest.importorskip("IPython.core.formatters")
-    bundle, _ = formatters.DisplayFormatter().format(scene)
+    bundle, _ = pytest.importorskip("IPython.core.formatters").DisplayFormatter().format(scene)
     assert set(bundle) == {"text/plain", PNG}
     ((drawn_scene, options),) = calls
     assert drawn_scene.camera.resolution == small
