@@ -83,6 +83,5 @@ def test_receivers_off_their_plane(device, units):
     for light in ([1.0, 0.8, 1.5, 1.0], [0.2, 0.1, -1.0, 1.0], [0.3, 0.2, 1e-3, 1.0], [1.0, 0.5, 0.7, 0.0]):
         on_plane = compare(device, mesh, light, (at, receivers))
         for off in (units, -units):
-            points = at + [0.0, 0.0, off * SHADOW_GRID / frame.unit]
-            shadows = compare(device, mesh, light, (points, receivers))
+            shadows = compare(device, mesh, light, (at + [0.0, 0.0, off * SHADOW_GRID / frame.unit], receivers))
             assert units > RECEIVER_UNITS or np.array_equal(shadows, on_plane)

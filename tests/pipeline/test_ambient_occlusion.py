@@ -45,16 +45,14 @@ def test_a_closed_box_is_dark_inside(device):
     assert (frame["id"] > 0).all()
     assert not frame["AO"].any()
     assert not frame.rgb.any()
-    nothing_within = draw(device, scene_of(closed(box()), camera=camera), ao_distance=1e-30)
-    assert (nothing_within["AO"] == 1.0).all()
+    assert (draw(device, scene_of(closed(box()), camera=camera), ao_distance=1e-30)["AO"] == 1.0).all()
 
 
 def beside_a_wall(device, rays: int, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the layer on a floor to the right of an endless wall at x = 0, and distances from it."""
     camera = replace(ABOVE, eye=(1.2, 3.0, 0.0), lookat=(1.2, 0.0, 0.0), plane=(0.7, 0.7))
     wall = quad([[0, 0, -4000], [0, 0, 4000], [0, 0.8, 4000], [0, 0.8, -4000]])
-    scene = scene_of(floor(5000.0), wall, camera=camera)
-    frame = draw(device, scene, ambient_occlusion=rays, **options)
+    frame = draw(device, scene_of(floor(5000.0), wall, camera=camera), ambient_occlusion=rays, **options)
     on_floor = (frame["id"] <= 2) & (frame["id"] > 0)
     return frame["AO"][on_floor], frame["P"][on_floor][:, 0]
 

@@ -43,8 +43,7 @@ def test_tree(device, count):
 
 def overlap(lower: Array, upper: Array) -> float:
     """Return by how much two sets of points (K, 3) overlap along the axis where they do least, as a share of both."""
-    size = np.ptp(np.concatenate([lower, upper]), axis=0)
-    return float(((lower.max(axis=0) - upper.min(axis=0)) / size).min())
+    return float(((lower.max(axis=0) - upper.min(axis=0)) / np.ptp(np.concatenate([lower, upper]), axis=0)).min())
 
 
 @pytest.mark.parametrize("count", [17, 300, 4096, 9000])
@@ -53,8 +52,7 @@ def test_runs_are_halved_down_to_the_leaves(device, monkeypatch, count):
     with whole leaves, and above 256 triangles with whole nodes."""
     monkeypatch.setattr(hierarchy_module, "_TOGETHER", 4096)  # several launches
     mesh = soup(count)
-    hierarchy = Hierarchy(device, *mesh)
-    centroids = mesh[0][mesh[1]].mean(axis=1)[leaves_of(hierarchy)[1].reshape(-1)[:count]]
+    centroids = mesh[0][mesh[1]].mean(axis=1)[leaves_of(Hierarchy(device, *mesh))[1].reshape(-1)[:count]]
 
     def check(points: Array) -> None:
         if len(points) > 16:

@@ -59,11 +59,11 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
         at = (0.5 * (columns - 1), -0.5 * (rows - 1))
         size, resolution = (float(rows), float(columns)), (columns * side, rows * side)
         camera = Camera((*at, 5.0), (*at, 0.0), (0, 1, 0), 1.0, size, resolution, orthographic=True)
-        scene = replace(scene, camera=camera, background=0.25, own_lights=True)
-        if not own_lights:
-            scene = replace(scene, lights=lights)
-        if ambient is not None:
-            scene = replace(scene, ambient=ambient)
+        light = {
+            "lights": scene.lights if own_lights else lights,
+            "ambient": scene.ambient if ambient is None else ambient,
+        }
+        scene = replace(scene, camera=camera, background=0.25, own_lights=True, **light)
         return Cells(rendered(scene, device=device, forced=OPTIONAL, **settings), columns, rows)
 
     return draw
@@ -74,10 +74,10 @@ def passing(inner: np.ndarray) -> np.ndarray:
     return (np.abs(inner - cards.GREEN) < 1e-5).all(axis=(2, 3, 4))
 
 
-PASS_OR_FAIL = {
-    "texture_settings": (cards.texture_settings, 4, 3),
-    "alpha_modes": (cards.alpha_modes, 6, 2),
-    "multi_uv": (cards.multi_uv, 2, 1),
+PASS_OR_FAIL = {  # what is written, columns and rows, and which of them
+    "texture_settings": (cards.texture_settings, 4, 3, np.s_[:]),
+    "alpha_modes": (cards.alpha_modes, 6, 3, np.s_[:2]),
+    "multi_uv": (cards.multi_uv, 5, 1, np.s_[:, :2]),
 }
 
 
@@ -85,11 +85,9 @@ PASS_OR_FAIL = {
 @pytest.mark.parametrize("name", PASS_OR_FAIL)
 def test_cells_pass_and_notice_wrong_settings(drawn, name):
     """In the file with wrong settings no cell passes: each is able to fail."""
-    write, columns, rows = PASS_OR_FAIL[name]
-    shape = {"alpha_modes": 3, "multi_uv": 1}.get(name, rows), {"multi_uv": 5}.get(name, columns)
-    right = passing(drawn(write, shape[1], shape[0]).inner())[:rows, :columns]
+    write, columns, rows, which = PASS_OR_FAIL[name]
+    right, wrong = (passing(drawn(w, columns, rows).inner())[which] for w in (write, partial(write, wrong=True)))
     assert right.all(), np.argwhere(~right).tolist()
-    wrong = passing(drawn(partial(write, wrong=True), shape[1], shape[0]).inner())[:rows, :columns]
     assert not wrong.any(), np.argwhere(wrong).tolist()
 
 
@@ -164,10 +162,8 @@ def test_lights_in_closed_form(drawn):
     """Radiance of a matt wall, by the formulas of KHR_lights_punctual, in the file's units times one factor."""
     cells = drawn(surfaces.punctual_lights, 6, 3, own_lights=True, ambient=0.0)
     rgb, scene = cells.frame.rgb, cells.frame.scene
-    rows, columns = rgb.shape[:2]
-    x = (np.arange(columns) + 0.5) / SIDE - 0.5
-    y = 0.5 - (np.arange(rows) + 0.5) / SIDE
-    points = np.stack([*np.meshgrid(x, y), np.zeros((rows, columns))], axis=-1)
+    x, y = ((np.arange(side) + 0.5) / SIDE - 0.5 for side in rgb.shape[1::-1])
+    points = np.stack([*np.meshgrid(x, -y), np.zeros(rgb.shape[:2])], axis=-1)
     total = np.zeros_like(points)
     for lamp, node in zip(surfaces.LAMPS, surfaces.LAMP_NODES, strict=True):
         color = np.array(lamp.get("color", [1, 1, 1])) * lamp["intensity"]
@@ -187,6 +183,5 @@ def test_lights_in_closed_form(drawn):
             arriving *= np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2
         total += arriving[..., None] * color
     lit = cells.frame.alpha == 1.0
-    expected = surfaces.WALL * scene.light_scale * total
-    np.testing.assert_allclose(rgb[lit], expected[lit], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(rgb[lit], (surfaces.WALL * scene.light_scale * total)[lit], rtol=1e-4, atol=1e-6)
     assert lit.mean() > 0.9

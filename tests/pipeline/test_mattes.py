@@ -76,8 +76,7 @@ def test_they_are_the_oracles(device, samples):
         assert np.array_equal(layers["object"].channels[name].view(np.uint32), plane.view(np.uint32)), name
     assert set(layers) == {"object", "material", "instance"}
     for layer in layers.values():
-        covered = sum(share(layer, name) for name in manifest(layer))
-        assert np.allclose(covered, frame.alpha, atol=1e-6)
+        assert np.allclose(sum(share(layer, name) for name in manifest(layer)), frame.alpha, atol=1e-6)
     dome = next(number for number, mesh in enumerate(scene.meshes, 1) if len(mesh.instances) > 1)
     names = [f"instance {number}" for number in range(dome, dome + len(scene.meshes[dome - 1].instances))]
     together = sum(share(layers["instance"], name) for name in names)

@@ -94,8 +94,7 @@ def test_levels_lie_behind_their_texture():
     assert table["levels"].tolist() == [3, 1, 5]
     end = 0
     for row, chosen in zip(table, textures, strict=True):
-        levels = [chosen.image, *smaller_levels(chosen.image[..., :3])][: row["levels"]]
-        for number, level in enumerate(levels):
+        for number, level in enumerate([chosen.image, *smaller_levels(chosen.image[..., :3])][: row["levels"]]):
             count = level.shape[0] * level.shape[1]
             assert row["offset"][number] == end
             stored = texels[end : end + count]

@@ -11,11 +11,6 @@ from clshade.oracle import transform
 from clshade.oracle.corners import placed_normals
 from clshade.pipeline import placements as packing
 
-
-def packed(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    return packing.placed_normals(normals, matrix[None], packing.mirroring(matrix[None]))
-
-
 SPECIAL = [
     [[1, 0, 0], [0, 1, 0], [0, 0, 0]],
     [[-1, 0, 0], [0, 1, 0], [0, 0, -0.0]],
@@ -58,15 +53,13 @@ def test_normals_under_placements_that_nearly_flatten():
         matrix = np.eye(4)
         matrix[:3, :3] = rng.normal(size=(3, 3))
         matrix[2, :3] = rng.normal(size=2) @ matrix[:2, :3] + 1e-9 * rng.normal(size=3)  # nearly a mean of the others
-        oracles, allowed = placed_normals(normals, matrix)
+        mirrors, (oracles, allowed) = packing.mirroring(matrix[None]), placed_normals(normals, matrix)
         with mpmath.workdps(60):
             a, b, c = ([mpmath.mpf(x) for x in row] for row in matrix[:3, :3].tolist())
-            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (
-                -1 if packing.mirroring(matrix[None])[0] else 1
-            )
+            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (-1 if mirrors[0] else 1)
             exact = [cofactors * mpmath.matrix(normal) for normal in normals.tolist()]
             true = np.array([[float(x / mpmath.norm(v)) for x in v] for v in exact])
-        for candidate in (oracles, packed(normals, matrix)):
+        for candidate in (oracles, packing.placed_normals(normals, matrix[None], mirrors)):
             off = np.abs(candidate - true).max(axis=1)
             assert (off <= allowed / 2.0).all()
             worst = max(worst, off.max())

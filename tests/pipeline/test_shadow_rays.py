@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from caster_meshes import (
@@ -20,6 +22,7 @@ from caster_meshes import (
 from kernel_stages import LANES
 from shadow_rays import hidden, one_by_one
 
+from clshade.oracle.transform import unit
 from clshade.pipeline.hierarchy import Hierarchy
 from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
 
@@ -52,13 +55,7 @@ MESHES = {
 each_mesh = pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 
 
-def neighbors(mesh: Mesh, count: int) -> tuple[Array, Array]:
-    """Return points of which 16 in sequence lie on a face."""
-    rng = np.random.default_rng(3)
-    vertices, faces = mesh
-    chosen = np.repeat(rng.integers(0, len(faces), count // 16), 16)
-    weights = rng.dirichlet([1.0, 1.0, 1.0], len(chosen))
-    return (vertices[faces[chosen]] * weights[:, :, None]).sum(axis=1), chosen
+neighbors = partial(random_points, seed=3, together=16)
 
 
 def lights_for(mesh: Mesh) -> list[Array]:
@@ -75,10 +72,6 @@ def lights_for(mesh: Mesh) -> list[Array]:
     return [np.array(light) for light in lights]
 
 
-def unit(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
 def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> list[tuple[Array, bool]]:
     """Return points (K, MANY, 3) of all kinds: of small lights and large, near and far, and where signs are hard to tell;
     and directions, which are said to be."""
@@ -87,7 +80,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> list[tup
     center, shape = mesh[0].mean(axis=0), (len(points), MANY, 3)
     ball = unit(rng.normal(size=shape)) * rng.random((*shape[:2], 1)) ** (1 / 3)
     a, b, c = np.moveaxis(corners[receivers], 1, 0)
-    normals = np.nan_to_num(unit(np.cross(b - a, c - a)))[:, None]
+    normals = unit(np.cross(b - a, c - a))[:, None]
     u, v = rng.normal(size=(2, *shape[:2], 1))
     in_own_plane = u * (b - a)[:, None] + v * (c - a)[:, None]
     one = corners[rng.integers(0, len(corners), len(points))]
@@ -132,10 +125,8 @@ def test_rays_to_a_light_are_the_same_as_one_by_one(device, mesh):
 @pytest.mark.parametrize("offset", [0.0, 1e9])
 @each_mesh
 def test_fans_are_the_same_as_one_by_one(device, mesh, offset):
-    mesh = (
-        (mesh[0] + offset) - offset,
-        mesh[1],
-    )  # as coarse as it is so far from the origin; points on it are no coarser
+    # As coarse as it is so far from the origin; points on it are no coarser.
+    mesh = (mesh[0] + offset) - offset, mesh[1]
     hierarchy, shares = Hierarchy(device, *mesh), []
     for seed, (points, receivers) in enumerate((random_points(mesh, 48), border_points(mesh, 32))):
         for ends in ends_for(mesh, points, receivers, seed):
@@ -243,8 +234,7 @@ def test_what_is_at_the_receiver_reaches_it(device):
     """A light, and the ends of fans, wherever the others are; also where triangles pass less than their bound from it."""
     floor = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
     heights = np.arange(-12, 13) * SHADOW_GRID / 2.0**14
-    layers = [(floor + [0, 0, z], np.array([[0, 1, 2]])) for z in heights]
-    hierarchy = Hierarchy(device, *joined(*layers))
+    hierarchy = Hierarchy(device, *joined(*[(floor + [0, 0, z], np.array([[0, 1, 2]])) for z in heights]))
     for k, z in enumerate(heights):
         for receiver in (k, 12):
             point = np.array([0.1, -0.2, z])

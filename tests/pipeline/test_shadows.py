@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import layer_scenes
 import numpy as np
 import pytest
 from caster_meshes import sphere
@@ -15,16 +16,13 @@ from clshade.scene.model import Light, Material, Mesh, PointLight, RectangleLigh
 
 CAMERA = Camera((0.2, -9.0, 7.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0, (1.2, 1.2), (48, 48))
 LIGHT = PointLight((0.0, 0.0, 10.0), (1.0, 1.0, 1.0))
-SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
-UVS = (SQUARE + 1.0) / 2.0
+UVS = (layer_scenes.square().verts[:, :2] + 1.0) / 2.0
 
 
 def square(z: float, half: float = 1.0, **fields: Any) -> Mesh:
     """Return a square of two triangles, parallel to the floor. fields: of its material."""
     more = {name: fields.pop(name) for name in ("alphas", "uvs") if name in fields}
-    verts = np.concatenate([half * SQUARE, np.full((4, 1), z)], axis=1)
-    material = Material(ka=0.1, kd=0.8, ks=0.0, two_sided=True, **fields)
-    return Mesh(verts, np.array([[0, 1, 2], [0, 2, 3]]), material=material, **more)
+    return layer_scenes.square(half, z, material=Material(ka=0.1, kd=0.8, ks=0.0, two_sided=True, **fields), **more)
 
 
 def card(z: float = 3.0, **fields: Any) -> Mesh:
@@ -43,13 +41,9 @@ def holed() -> Texture:
     return Texture(image, name="holed")
 
 
-def scene_of(*cards: Mesh, light: Light = LIGHT) -> Scene:
-    return Scene((square(0.0, 4.0), *cards), CAMERA, (light,), np.zeros(3), (0.0, 0.0, 0.0))
-
-
 def draw(device, *cards: Mesh, light: Light = LIGHT, **options: Any):
-    arguments = {"layers": ("Z", "P", "id"), "shadows": True, "samples": 1, **options}
-    return rendered(scene_of(*cards, light=light), device=device, **arguments)
+    scene = Scene((square(0.0, 4.0), *cards), CAMERA, (light,), np.zeros(3), (0.0, 0.0, 0.0))
+    return rendered(scene, device=device, **{"layers": ("Z", "P", "id"), "shadows": True, "samples": 1, **options})
 
 
 def shares(device, *cards: Mesh, **options: Any) -> tuple[np.ndarray, np.ndarray]:

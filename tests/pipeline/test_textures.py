@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import layer_scenes
 import mpmath
 import numpy as np
 import oracle_asserts
@@ -24,8 +25,6 @@ from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.shading_tables import smaller_levels, texture_tables
 from clshade.scene.material import MAPS
 
-CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-QUAD = [[0, 1, 2], [0, 2, 3]]
 UVS = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
 
 
@@ -38,22 +37,7 @@ def square(image: np.ndarray, uvs: np.ndarray = UVS, pixels: int = 36, **materia
     """Return a square that fills the image, lit by nothing."""
     texture = Texture(image, filter="nearest", wrap=material.pop("wrap", "repeat"))
     camera = Camera((0, 0, 3), (0, 0, 0), (0, 1, 0), 3.0, (2.0, 2.0), (pixels, pixels))
-    return Scene(Mesh(CORNERS, QUAD, uvs=uvs, material=Material(texture=texture, **material)), camera, background=None)
-
-
-@pytest.mark.long
-def test_texels_are_squares(device):
-    image = noise(4, 3)
-    frame = clshade.render(square(image, pixels=36), shader="nolight", device=device)
-    assert np.array_equal(frame.rgb, np.kron(image, np.ones((12, 9, 1), np.float32)))
-
-
-@pytest.mark.long
-def test_alpha_is_that_of_the_nearest_texel(device):
-    image = noise(4, 4, 4)
-    image[..., 3] = np.arange(16).reshape(4, 4) % 3 / 2
-    frame = clshade.render(square(image, alpha_cutoff=0.5), shader="nolight", device=device)
-    assert np.array_equal(frame.alpha, np.kron(image[..., 3] >= 0.5, np.ones((9, 9), np.float32)))
+    return Scene(layer_scenes.square(uvs=uvs, material=Material(texture=texture, **material)), camera, background=None)
 
 
 def test_pixel_centers_on_edges_are_gates(device):
@@ -109,26 +93,29 @@ def test_as_far_as_coordinates_go(device, exponent, wrap):
     assert report.error < 2.0 ** (exponent - 44)
 
 
-def flat_camera(size: int, focal: float) -> Camera:
-    matrix = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
-    return Camera.from_matrix(matrix, np.eye(4), (size, size))
+def flat_scene(pixels: np.ndarray, z: np.ndarray, uvs: np.ndarray, size: int, focal: float, **material: Any) -> Scene:
+    """Return lit triangles with these corners (3F, 2) in an image of size x size pixels, and depths (3F,)."""
+    camera = Camera.from_matrix(
+        np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]]), np.eye(4), (size, size)
+    )
+    verts = np.column_stack([(pixels - size / 2) / focal * z[:, None], z])
+    mesh = Mesh(verts, np.arange(len(z)).reshape(-1, 3), uvs=uvs, material=Material(**material))
+    return Scene(mesh, camera, lights=PointLight((0, 0, 0), (1, 1, 1)))
+
+
+def cells(size: int, side: float, corners: list[tuple[int, int]]) -> np.ndarray:
+    """Return the corners of each cell (K, 6, 2) of an image, in pixels."""
+    x, y = np.meshgrid(*[np.arange(0, size - 1, side)] * 2)
+    return np.stack([x, y], axis=-1).reshape(-1, 1, 2) + side * np.array(corners)
 
 
 def patches(side: float, size: int = 256, focal: float = 300.0) -> Scene:
     """Return triangles of `side` pixels on a wavy sheet, with a noisy texture: from some tiles their corners are farther
     than edge functions of 31 bits allow, from others not."""
-    verts, uvs = [], []
-    for y in np.arange(0, size - 1, side):
-        for x in np.arange(0, size - 1, side):
-            for a, b in ((0, 0), (1, 0), (0, 1), (1, 0), (1, 1), (0, 1)):
-                px, py = x + a * side, y + b * side
-                z = 2.0 + 0.3 * np.sin(px * 0.013) + 0.2 * np.cos(py * 0.017)
-                verts.append(((px - size / 2) / focal * z, (py - size / 2) / focal * z, z))
-                uvs.append((px / size * 0.97 + 0.013, py / size * 0.93 + 0.021))
+    pixels = cells(size, side, [(0, 0), (1, 0), (0, 1), (1, 0), (1, 1), (0, 1)]).reshape(-1, 2)
+    z = 2.0 + 0.3 * np.sin(pixels[:, 0] * 0.013) + 0.2 * np.cos(pixels[:, 1] * 0.017)
     texture = Texture(np.random.default_rng(1).random((2048, 2048, 3)).astype(np.float32))
-    faces = np.arange(len(verts)).reshape(-1, 3)
-    mesh = Mesh(np.array(verts), faces, uvs=np.array(uvs), material=Material(texture=texture))
-    return Scene((mesh,), flat_camera(size, focal), lights=(PointLight((0, 0, 0), (1, 1, 1)),))
+    return flat_scene(pixels, z, pixels / size * [0.97, 0.93] + [0.013, 0.021], size, focal, texture=texture)
 
 
 @pytest.mark.long
@@ -146,27 +133,20 @@ def test_the_choice_depends_on_triangle_and_tile_alone(device, options):
 def test_coefficients_just_below_a_power_of_two_keep_their_digits(device):
     """A coordinate of -1 at a tile's corner: the plane's first coefficient is next to -2^23 units, and its values beyond."""
     size, rng = 512, np.random.default_rng(3)
-    verts, uvs = [], []
-    for row in range(size // 16):
-        for column in range(size // 16):
-            across, up = rng.uniform(1e-4, 5e-4, 2)
-            corner_u = -(1.0 - rng.uniform(0, 1.5e-6))
-            left, top = 16 * column, size - 16 * row
-            for x, y in ((0, 0), (16, 0), (16, -16), (0, 0), (16, -16), (0, -16)):
-                verts.append(((left + x - size / 2) / 256, (top + y - size / 2) / 256, 1.0))
-                uvs.append((corner_u + across * (15.5 - x) + up * (15.5 + y), 0.5))
+    corners = [(0, 1), (1, 1), (1, 0), (0, 1), (1, 0), (0, 0)]
+    pixels = cells(size, 16, corners)
+    slopes, least = rng.uniform(1e-4, 5e-4, (len(pixels), 1, 2)), rng.uniform(0, 1.5e-6, (len(pixels), 1))
+    u = least - 1.0 + (slopes * ([15.5, -0.5] + [-16, 16] * np.array(corners))).sum(axis=-1)
+    uvs = np.stack([u, np.full_like(u, 0.5)], axis=-1).reshape(-1, 2)
     texture = Texture(rng.random((4, 8192, 3)).astype(np.float32))
-    faces = np.arange(len(verts)).reshape(-1, 3)
-    mesh = Mesh(np.array(verts), faces, uvs=np.array(uvs), material=Material(texture=texture, ks=0.0))
-    scene = Scene((mesh,), flat_camera(size, 256.0), lights=(PointLight((0, 0, 0), (1, 1, 1)),))
+    scene = flat_scene(pixels.reshape(-1, 2), np.ones(u.size), uvs, size, 256.0, texture=texture, ks=0.0)
     assert clshade.check(clshade.render(scene, device=device), pixels=size * size).bounds < 2.0
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("side", [5.0, 1.3, 17.0, 40.0])
 def test_small_and_large_triangles_are_within_the_bound(device, side):
-    frame = clshade.render(patches(side, size=128), device=device)
-    assert clshade.check(frame, pixels=128 * 128).bounds < 4.0
+    assert clshade.check(clshade.render(patches(side, size=128), device=device), pixels=128 * 128).bounds < 4.0
 
 
 # Trilinear
@@ -212,9 +192,8 @@ DETAIL = {np.float32: 4 * 2.0**-24, np.float64: 4 * 2.0**-53}
 def details(device, slopes: np.ndarray, real: type = np.float32) -> np.ndarray:
     """Return level and fraction (K, 2) for slopes (K, 4): u and v to the right, u and v up."""
     table, _ = texture_tables([Texture(noise(*SIZE))], mipmaps=True)
-    columns = [np.ascontiguousarray(column, real) for column in slopes.T]
     return Probe(device, TEXT, MIPMAPS=1, DOUBLE=int(real is np.float64))(
-        "detail", *columns, table, width=2, dtype=real
+        "detail", *[np.ascontiguousarray(column, real) for column in slopes.T], table, width=2, dtype=real
     )
 
 
@@ -292,7 +271,7 @@ ABOVE = Camera((0, 0, 5.0), (0, 0, 0), (0, 1, 0), 1.0, (2.0, 2.0), (16, 16), ort
 
 def aligned(image: np.ndarray, repeats: float = 1.0) -> Scene:
     """Return a square that fills the image of 16 x 16 pixels."""
-    return Scene((Mesh(CORNERS, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image))),), ABOVE)
+    return Scene(layer_scenes.square(uvs=repeats * UNIT, material=Material(texture=Texture(image))), ABOVE)
 
 
 @pytest.mark.sampled
@@ -351,8 +330,7 @@ def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
     oracle_asserts.assert_all(rendered(scene, device=device, shader="pbr", layers=("Z", "id", "N")))
     facets = scene.meshes[0].material.pbr
     names = list(MAPS)[:4]
-    textures = [getattr(facets, name) for name in names]
-    alike = texture_tables(textures)[0]["alike"]
+    alike = texture_tables([getattr(facets, name) for name in names])[0]["alike"]
     assert {name: names[k] for name, k in zip(names, alike, strict=True)} == {
         "metallic_roughness_texture": "metallic_roughness_texture",
         "normal_texture": "metallic_roughness_texture",

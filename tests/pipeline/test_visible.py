@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from layer_scenes import mixed
+from layer_scenes import at, mixed, square
 
 import clshade
 from clshade import oracle
@@ -20,18 +20,12 @@ from clshade.scene.model import Material, Mesh, Scene, Texture
 
 # Of the plane z = 0 the image shows x from -2 to 2 and y from -1.5 to 1.5, 16 px for each unit.
 CAMERA = Camera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (0.75, 1.0), (64, 48))
-
-
-def at(x: float, y: float, z: float = 0.0) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
+PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
 
 
 def tiles(*placements: np.ndarray, **fields) -> Mesh:
     """Return placements of a square of 1 x 1, which faces the camera."""
-    verts = [(-0.5, -0.5, 0), (0.5, -0.5, 0), (0.5, 0.5, 0), (-0.5, 0.5, 0)]
-    return Mesh(verts, [[0, 1, 2], [0, 2, 3]], instances=np.stack(placements), **fields)
+    return square(0.5, instances=np.stack(placements), **fields)
 
 
 def columns(visibility: clshade.pipeline.visible.Visible, *names: str) -> list[list[float]]:
@@ -40,8 +34,7 @@ def columns(visibility: clshade.pipeline.visible.Visible, *names: str) -> list[l
 
 def test_squares_of_which_one_covers_half_of_the_other(opened):
     """The second is before the first in a parallel projection, half a unit to the side; the third is alone."""
-    camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
-    scene = Scene((tiles(at(-0.5, 0), at(0, 0, 1), name="tile"), tiles(at(1.5, 1))), camera)
+    scene = Scene((tiles(at(-0.5, 0), at(0, 0, 1), name="tile"), tiles(at(1.5, 1))), PARALLEL)
     visibility = clshade.visible(scene, masks=True, device=opened)
     assert columns(visibility, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["tile", "tile", ""]]
     assert columns(visibility, "pixels", "alone", "whole") == [[128, 256, 256], [256] * 3, [256] * 3]
@@ -54,12 +47,11 @@ def test_squares_of_which_one_covers_half_of_the_other(opened):
 def test_parts_of_an_object_count_as_one(opened):
     """Two materials, two placements: two rows, in the layers too, on any path of instances."""
     places = at(-1, 0), at(1, 0)
-    lower = np.diag([1.0, 0.5, 1.0, 1.0])
     parts = [
         tiles(*(place @ offset for offset in places), name="pair", part_of="pair", material=Material(color))
-        for place, color in ((at(0, 0), (1, 0, 0)), (at(0, -0.75) @ lower, (0, 1, 0)))
+        for place, color in ((at(0, 0), (1, 0, 0)), (at(0, -0.75) @ np.diag([1.0, 0.5, 1.0, 1.0]), (0, 1, 0)))
     ]
-    scene = Scene((parts[0], tiles(at(0, 1)), parts[1]), replace(CAMERA, orthographic=True, plane=(3.0, 4.0)))
+    scene = Scene((parts[0], tiles(at(0, 1)), parts[1]), PARALLEL)
     visibility = clshade.visible(scene, device=opened)
     assert columns(visibility, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["pair", "pair", ""]]
     assert columns(visibility, "pixels", "whole") == [[384, 384, 256]] * 2
@@ -91,17 +83,14 @@ def test_against_the_oracle(opened):
     visibility = clshade.visible(mixed(), masks=True, device=opened, near=radius_of_all)
     numbers = oracle.render_layers(mixed(), settings).instance_id
     assert columns(visibility, "pixels") == [[int((numbers == number).sum()) for number in range(1, 8)]]
-    row = 0
-    for mesh in mixed().meshes:
-        for matrix in np.asarray(mesh.instances):
-            alone = oracle.render(replace(mixed(), meshes=(replace(mesh, instances=matrix[None]),)), settings).id > 0
-            assert np.array_equal(visibility.masks[row], alone)
-            row += 1
     table = visibility.table
+    placed = [replace(mesh, instances=matrix[None]) for mesh in mixed().meshes for matrix in np.asarray(mesh.instances)]
+    assert len(table) == 7
+    for mask, mesh in zip(visibility.masks, placed, strict=True):
+        assert np.array_equal(mask, oracle.render(replace(mixed(), meshes=(mesh,)), settings).id > 0)
     assert (table["pixels"] <= table["alone"]).all()
     assert (table["alone"] <= table["whole"]).all()
-    assert (table["alone"][:1] < table["whole"][:1]).all()  # the floor
-    assert row == len(table) == 7
+    assert table["alone"][0] < table["whole"][0]  # the floor
 
 
 def test_holes_and_what_layers_look_through(opened):
@@ -109,11 +98,10 @@ def test_holes_and_what_layers_look_through(opened):
     half = Texture(np.float32([[[1, 1, 1, 1], [1, 1, 1, 0]]]), lookup="standard", filter="nearest", wrap="clamp")
     holes = Material(texture=half, alpha_cutoff=0.5)
     uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
     behind = tiles(at(0, 0, -1))
-    visibility = clshade.visible(Scene((behind, tiles(at(0, 0), uvs=uvs, material=holes)), camera), device=opened)
+    visibility = clshade.visible(Scene((behind, tiles(at(0, 0), uvs=uvs, material=holes)), PARALLEL), device=opened)
     assert columns(visibility, "pixels", "alone") == [[128, 128], [256, 128]]
-    glass = Scene((behind, tiles(at(0, 0), material=Material(blend=True, opacity=0.3))), camera)
+    glass = Scene((behind, tiles(at(0, 0), material=Material(blend=True, opacity=0.3))), PARALLEL)
     assert columns(clshade.visible(glass, device=opened), "pixels", "alone") == [[256, 0], [256, 0]]
     assert columns(clshade.visible(glass, device=opened, layer_alpha=0.25), "pixels") == [[0, 256]]
 

@@ -211,19 +211,17 @@ def multi_uv(path: Path, wrong: bool = False) -> str:
     sets = {"TEXCOORD_0": spanned(0.75, 0.75, 0), "TEXCOORD_1": spanned(0.25, 0.25, 0)}
     texture = card.texture(stripes((0, 255, 0), (255, 0, 0)))
     base = card.material(reflection={"baseColorTexture": {"index": texture, **second}})
-    shining = card.material(
-        (0, 0, 0), unlit=False, emissiveFactor=[1, 1, 1], emissiveTexture={"index": texture, **second}, **_matt()
-    )
-    for column, material in enumerate((base, shining)):
+    emission = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": texture, **second}}
+    for column, material in enumerate((base, card.material((0, 0, 0), unlit=False, **emission, **matt()))):
         card.place(card.tile(material, **sets), column, 0)
     for column, codes in enumerate(((255, 0), (102, 255), (0, 255)), start=2):
         texture = card.texture(stripes(*((code, 0, 0) for code in codes)))
-        material = card.material(unlit=False, occlusionTexture={"index": texture, **second}, **_matt())
+        material = card.material(unlit=False, occlusionTexture={"index": texture, **second}, **matt())
         card.place(card.tile(material, **sets), column, 0)
     return card.glb(path)
 
 
-def _matt() -> dict[str, Any]:
+def matt() -> dict[str, Any]:
     return {
         "reflection": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
         "extensions": {"KHR_materials_specular": {"specularFactor": 0.0}},
@@ -238,7 +236,7 @@ def emissive_strength(path: Path) -> str:
     """After EmissiveStrengthTest: one color, each cell twice as strong as the one before."""
     card = Card(len(STRENGTHS), 1)
     for column, strength in enumerate(STRENGTHS):
-        fields = _matt()
+        fields = matt()
         fields["extensions"]["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
         material = card.material((0, 0, 0), unlit=False, emissiveFactor=list(EMISSION), **fields)
         card.place(card.tile(material), column, 0)
@@ -270,10 +268,8 @@ def orientation(path: Path) -> str:
             faces.append(_FACES + 4 * len(positions))
             positions.append(0.35 * square @ axes + out * n)
             colors.append(np.full((4, 3), tone))
-    material = card.material()
-    cube = card.shape(
-        np.concatenate(positions), np.concatenate(faces), material, COLOR_0=np.concatenate(colors).astype(np.float32)
-    )
+    tones = np.concatenate(colors).astype(np.float32)
+    cube = card.shape(np.concatenate(positions), np.concatenate(faces), card.material(), COLOR_0=tones)
     for column, (_, normal, up, rotation) in enumerate(SIDES):
         card.place(cube, column, 0, rotation=list(rotation))
         matrix = np.eye(4)

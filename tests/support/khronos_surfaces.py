@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from khronos_cards import GREEN, HALF, LINEAR, RED, Card
+from khronos_cards import GREEN, HALF, LINEAR, RED, Card, matt
 
 ROUGHNESS = tuple(51 * k / 255 for k in range(1, 6))
 METAL = (0.9, 0.6, 0.3)
@@ -93,10 +93,8 @@ def _surfaces(card: Card) -> tuple[int, int]:
     """Add the material of geometry and the one with the normal map."""
     reflection = {"metallicFactor": 0.0, "roughnessFactor": 0.5}
     normal = {"index": dome_texture(card)}
-    return (
-        card.material(METAL, unlit=False, reflection=reflection),
-        card.material(METAL, unlit=False, reflection=reflection, normalTexture=normal),
-    )
+    plain = card.material(METAL, unlit=False, reflection=reflection)
+    return plain, card.material(METAL, unlit=False, reflection=reflection, normalTexture=normal)
 
 
 def normal_tangent(path: Path, tangents: bool = False) -> str:
@@ -155,9 +153,7 @@ LAMP_NODES: list[dict[str, Any]] = [
 def punctual_lights(path: Path) -> str:
     """After LightsPunctualLamp: a matt wall of 6 x 3 cells under a point with a range, a spot, a sun and a lamp."""
     card = Card(6, 3)
-    matt = {"KHR_materials_specular": {"specularFactor": 0.0}}
-    reflection = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
-    wall = card.material([WALL] * 3, unlit=False, reflection=reflection, extensions=matt)
+    wall = card.material([WALL] * 3, unlit=False, **matt())
     corners = np.array([[-HALF, -2 - HALF, 0], [5 + HALF, -2 - HALF, 0], [5 + HALF, HALF, 0], [-HALF, HALF, 0]])
     normals = np.tile(np.float32([0, 0, 1]), (4, 1))
     card.place(card.shape(corners, np.array([0, 1, 2, 0, 2, 3], np.uint16), wall, NORMAL=normals), 0, 0)
