@@ -139,10 +139,10 @@ def mixed_maps() -> Scene:
     """Return sheets with all maps, some of them or none, mirrored, stretched and turned round, without texture coordinates
     that they need, and behind the eye."""
     plain: dict[str, Any] = {"normal_texture": None, "occlusion_texture": None, "emission_texture": None}
-    mirror, stretched = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([2.0, 0.4, 1.5, 1.0])
-    mirror[:3, 3], stretched[:3, 3] = (0.5, 0.6, -0.7), (-0.5, -0.9, -0.3)
-    behind = np.diag([1.0, -1.0, -1.0, 1.0])
-    behind[:3, 3] = -1.1, 0.8, -0.5
+    mirror, stretched = np.diag([-0.4, 0.4, 0.4, 1.0]), np.diag([0.8, 0.2, 0.6, 1.0])
+    mirror[:3, 3], stretched[:3, 3] = (0.2, 0.3, 1.0), (-0.5, -0.7, 0.8)
+    behind = np.diag([0.3, -0.3, -0.3, 1.0])
+    behind[:3, 3] = -0.7, 0.7, 1.0
     second = Texture(normal_image(5, 5, 8), coordinates=1, wrap="mirror")
 
     def with_maps(shift: tuple[float, float, float], **changes: Any) -> Mesh:

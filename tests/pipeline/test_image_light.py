@@ -194,6 +194,5 @@ def test_dielectric_reflectance():
     np.testing.assert_allclose(MetallicRoughness(ior=1.5).dielectric_f0, 0.04)
     assert not MetallicRoughness(ior=1.0).dielectric_f0.any()
     assert (MetallicRoughness(ior=0.0, specular=0.5).dielectric_f0 == 0.5).all()
-    np.testing.assert_allclose(
-        MetallicRoughness(specular_color=(1, 100, 0), specular=0.5).dielectric_f0, [0.02, 0.5, 0]
-    )
+    colored = MetallicRoughness(specular_color=(1, 100, 0), specular=0.5)
+    np.testing.assert_allclose(colored.dielectric_f0, [0.02, 0.5, 0])

@@ -51,7 +51,6 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
         *lights: Light,
         side: int = SIDE,
         ambient: float | None = None,
-        own_lights: bool = False,
         **settings: bool,
     ) -> Cells:
         scene: Scene = load(write(tmp_path / "card.glb"))
@@ -59,11 +58,8 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
         at = (0.5 * (columns - 1), -0.5 * (rows - 1))
         size, resolution = (float(rows), float(columns)), (columns * side, rows * side)
         camera = Camera((*at, 5.0), (*at, 0.0), (0, 1, 0), 1.0, size, resolution, orthographic=True)
-        light = {
-            "lights": scene.lights if own_lights else lights,
-            "ambient": scene.ambient if ambient is None else ambient,
-        }
-        scene = replace(scene, camera=camera, background=0.25, own_lights=True, **light)
+        around = scene.ambient if ambient is None else ambient
+        scene = replace(scene, camera=camera, background=0.25, own_lights=True, lights=lights, ambient=around)
         return Cells(rendered(scene, device=device, forced=OPTIONAL, **settings), columns, rows)
 
     return draw
@@ -113,15 +109,6 @@ def test_cells_have_their_colors(drawn, case):
     np.testing.assert_allclose(cells, expected, rtol=tolerance, atol=tolerance)
 
 
-def test_orientation(drawn):
-    """The side that a turn brings to the front has its color below, and its white square at the top left."""
-    image = drawn(cards.orientation, 6, 3, side=20).image
-    expected = np.array([side[0] for side in cards.SIDES])
-    below, corner = image[:, :, 12:15, 11:15], image[:, :, 6:8, 6:8]
-    np.testing.assert_allclose(below, np.broadcast_to(expected[:, None, None], below.shape), atol=1e-6)
-    np.testing.assert_allclose(corner, np.ones_like(corner), atol=1e-6)
-
-
 def test_spheres_reflect_a_headlight_in_closed_form(drawn):
     """Where N = V = L, glTF's D is 1/(pi alpha^2), V is 1/4 and F is F0; a light of 1 is one of pi in its units. The pole
     of each sphere is the center of a pixel."""
@@ -148,40 +135,3 @@ def test_maps_shade_as_geometry_does(drawn, tangents):
     assert np.abs(geometry[:, ::-1] - geometry).max() > 20.0 * QUANTIZED
     assert np.abs(geometry[::-1] - geometry).max() > 20.0 * QUANTIZED
     assert np.abs(image - geometry).max() < QUANTIZED
-
-
-def test_negative_scales(drawn):
-    """Front sides stay in front; geometry and maps are shaded alike, but for shadows' softening."""
-    cells = drawn(surfaces.negative_scale, 4, 4, ASLANT, side=surfaces.GRID, shadows=False)
-    assert passing(cells.inner()[:2]).all()
-    domes = cells.image[2:, :, 2:-2, 2:-2]
-    assert np.abs(domes - domes[0, 0]).max() < QUANTIZED
-
-
-def test_lights_in_closed_form(drawn):
-    """Radiance of a matt wall, by the formulas of KHR_lights_punctual, in the file's units times one factor."""
-    cells = drawn(surfaces.punctual_lights, 6, 3, own_lights=True, ambient=0.0)
-    rgb, scene = cells.frame.rgb, cells.frame.scene
-    x, y = ((np.arange(side) + 0.5) / SIDE - 0.5 for side in rgb.shape[1::-1])
-    points = np.stack([*np.meshgrid(x, -y), np.zeros(rgb.shape[:2])], axis=-1)
-    total = np.zeros_like(points)
-    for lamp, node in zip(surfaces.LAMPS, surfaces.LAMP_NODES, strict=True):
-        color = np.array(lamp.get("color", [1, 1, 1])) * lamp["intensity"]
-        qx, qy, _, qw = node.get("rotation", [0, 0, 0, 1])
-        axis = np.array([-2 * qw * qy, 2 * qw * qx, -(qw * qw - qx * qx - qy * qy)])  # where it turns -z
-        if lamp["type"] == "directional":
-            total += color * -axis[2]
-            continue
-        toward = np.array(node["translation"]) - points
-        distance = np.linalg.norm(toward, axis=-1)
-        arriving = toward[..., 2] / distance**3
-        if "range" in lamp:
-            arriving *= np.clip(1.0 - (distance / lamp["range"]) ** 4, 0.0, 1.0)
-        if lamp["type"] == "spot":
-            inner, outer = (math.cos(lamp["spot"][f"{name}ConeAngle"]) for name in ("inner", "outer"))
-            cosine = -(toward / distance[..., None]) @ axis
-            arriving *= np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2
-        total += arriving[..., None] * color
-    lit = cells.frame.alpha == 1.0
-    np.testing.assert_allclose(rgb[lit], (surfaces.WALL * scene.light_scale * total)[lit], rtol=1e-4, atol=1e-6)
-    assert lit.mean() > 0.9

@@ -20,11 +20,7 @@ from clshade.scene.model import Settings
 
 pytestmark = pytest.mark.optimized
 
-TEAPOT, KNOT, ROOM = (
-    ("teapot", "standard", "phong"),
-    ("torus_knot", "standard", "phong"),
-    ("box_room", "standard", "phong"),
-)
+TEAPOT, KNOT, ROOM = ((name, "standard", "phong") for name in ("teapot", "torus_knot", "box_room"))
 CASES = [
     *((key, {}, expected) for key, expected in GOLDEN.items()),
     *((key, {"forced": OPTIONAL}, expected) for key, expected in GOLDEN.items() if key[0] in ("teapot", "course")),

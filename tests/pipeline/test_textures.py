@@ -1,7 +1,10 @@
-"""Textures: nearest texels, coordinates far outside the image and by planes, levels of detail, and maps of shader pbr."""
+"""Textures: nearest texels, far coordinates, coordinates by planes, levels of detail, mipmaps, and maps of shader pbr."""
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
+import weakref
 from dataclasses import replace
 from typing import Any
 
@@ -20,9 +23,10 @@ from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Setting
 from clshade.errors import InputError
 from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
+from clshade.pipeline import struct_layout
 from clshade.pipeline.features import ignored
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.shading_tables import smaller_levels, texture_tables
+from clshade.pipeline.shading_tables import BAND, levels_below, smaller_levels, texture_tables
 from clshade.scene.material import MAPS
 
 UVS = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
@@ -73,21 +77,15 @@ def test_colors_of_whole_numbers():
         assert np.array_equal(Mesh(np.eye(3), [[0, 1, 2]], colors=plain).colors, np.float64(plain))
 
 
-FAR_CAMERA = Camera.from_fov((0, 0, 3), (0, 0, 0), (0, 1, 0), 45, (61, 47))
-
-
-def far(reach: float) -> np.ndarray:
-    """Return random coordinates (12, 3, 2) from -reach to reach."""
-    return np.random.default_rng(2).uniform(-reach, reach, (12, 3, 2))
-
-
 @pytest.mark.parametrize("exponent", [24, 26, 32, 39])
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_as_far_as_coordinates_go(device, exponent, wrap):
     """From 2^24 on float32 has no fractions: only the low parts hold them. At 2^39 they are accurate to 2^-9."""
     material = Material(texture=Texture(np.random.default_rng(5).random((8, 4, 3)), wrap))
     verts, faces = np.random.default_rng(1).uniform(-1, 1, (36, 3)), np.arange(36).reshape(-1, 3)
-    scene = Scene(Mesh(verts, faces, uvs=far(2.0**exponent).reshape(-1, 2), material=material), FAR_CAMERA)
+    uvs = np.random.default_rng(2).uniform(-1, 1, (36, 2)) * 2.0**exponent
+    camera = Camera.from_fov((0, 0, 3), (0, 0, 0), (0, 1, 0), 45, (61, 47))
+    scene = Scene(Mesh(verts, faces, uvs=uvs, material=material), camera)
     report = clshade.check(rendered(scene, device=device, shader="nolight", layers=("Z", "id", "uv", "albedo")), "all")
     assert report.passed
     assert report.error < 2.0 ** (exponent - 44)
@@ -95,9 +93,8 @@ def test_as_far_as_coordinates_go(device, exponent, wrap):
 
 def flat_scene(pixels: np.ndarray, z: np.ndarray, uvs: np.ndarray, size: int, focal: float, **material: Any) -> Scene:
     """Return lit triangles with these corners (3F, 2) in an image of size x size pixels, and depths (3F,)."""
-    camera = Camera.from_matrix(
-        np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]]), np.eye(4), (size, size)
-    )
+    matrix = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+    camera = Camera.from_matrix(matrix, np.eye(4), (size, size))
     verts = np.column_stack([(pixels - size / 2) / focal * z[:, None], z])
     mesh = Mesh(verts, np.arange(len(z)).reshape(-1, 3), uvs=uvs, material=Material(**material))
     return Scene(mesh, camera, lights=PointLight((0, 0, 0), (1, 1, 1)))
@@ -192,9 +189,8 @@ DETAIL = {np.float32: 4 * 2.0**-24, np.float64: 4 * 2.0**-53}
 def details(device, slopes: np.ndarray, real: type = np.float32) -> np.ndarray:
     """Return level and fraction (K, 2) for slopes (K, 4): u and v to the right, u and v up."""
     table, _ = texture_tables([Texture(noise(*SIZE))], mipmaps=True)
-    return Probe(device, TEXT, MIPMAPS=1, DOUBLE=int(real is np.float64))(
-        "detail", *[np.ascontiguousarray(column, real) for column in slopes.T], table, width=2, dtype=real
-    )
+    probe, columns = Probe(device, TEXT, MIPMAPS=1, DOUBLE=int(real is np.float64)), slopes.T.astype(real, "C")
+    return probe("detail", *columns, table, width=2, dtype=real)
 
 
 @pytest.mark.sampled
@@ -322,29 +318,15 @@ def with_maps(mesh: Mesh, **changes: Any) -> Mesh:
 
 def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
     """Of the size and the wrap modes of the normal map, which share its lookup; and of its size alone."""
-    shared = {
-        name: Texture(texels(8, 11, seed))
-        for seed, name in enumerate(("metallic_roughness_texture", "emission_texture"))
-    }
+    names = "metallic_roughness_texture", "emission_texture"
+    shared = {name: Texture(texels(8, 11, seed)) for seed, name in enumerate(names)}
     scene = mapped_scene(with_maps(sheet(), **shared, occlusion_texture=Texture(texels(8, 11, 7), wrap="clamp")))
     oracle_asserts.assert_all(rendered(scene, device=device, shader="pbr", layers=("Z", "id", "N")))
     facets = scene.meshes[0].material.pbr
-    names = list(MAPS)[:4]
-    alike = texture_tables([getattr(facets, name) for name in names])[0]["alike"]
-    assert {name: names[k] for name, k in zip(names, alike, strict=True)} == {
-        "metallic_roughness_texture": "metallic_roughness_texture",
-        "normal_texture": "metallic_roughness_texture",
-        "occlusion_texture": "occlusion_texture",
-        "emission_texture": "metallic_roughness_texture",
-    }
-    alternatives = [
-        {"wrap": "mirror"},
-        {"filter": "nearest"},
-        {"coordinates": 1},
-        {"image": texels(11, 8)},
-        {"lookup": "course"},
-    ]
-    alone = [replace(facets.normal_texture, **changes) for changes in alternatives]
+    alike = texture_tables([getattr(facets, name) for name in list(MAPS)[:4]])[0]["alike"]
+    assert alike.tolist() == [0, 0, 2, 0]  # all but the map of occlusion
+    others = {"wrap": "mirror", "filter": "nearest", "coordinates": 1, "image": texels(11, 8), "lookup": "course"}
+    alone = [replace(facets.normal_texture, **{name: value}) for name, value in others.items()]
     assert texture_tables([facets.normal_texture, *alone])[0]["alike"].tolist() == list(range(6))
 
 
@@ -355,3 +337,98 @@ def test_a_flat_map_changes_no_bit(device):
     flat = with_maps(sheet(), **plain, normal_texture=Texture(np.full((2, 2, 3), [0.5, 0.5, 1.0])))
     bare = with_maps(sheet(), **plain, normal_texture=None)
     assert same_bits(*(clshade.render(mapped_scene(mesh), shader="pbr", device=device) for mesh in (flat, bare)))
+
+
+# Mipmap levels: of the host, of the oracle, and in the tables that the kernels read
+
+
+SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (3, 3), (16, 9), (37, 53), (64, 64), (96, 80))  # columns, rows
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_levels_of_any_size(size):
+    """Sizes are halved and rounded down (OpenGL 4.6, section 8.14.3). Host and oracle compute the same means in float64:
+    rounded they are equal but for ties, which random texels do not have; 8-bit values do, but their sums are exact. Each
+    texel is weighted by its area, so that no size loses or doubles a row; a constant stays the same to the last bit."""
+    image = noise(*size)
+    shapes = [level.shape[1::-1] for level in smaller_levels(image)]
+    assert shapes == [tuple(max(extent >> k, 1) for extent in size) for k in range(1, max(size).bit_length())]
+    for shades in (image, np.rint(image * 255).astype(np.float32) / 255):
+        first, *expected = reference.levels(shades)
+        assert np.array_equal(first, shades)
+        for mipmap, level in zip(smaller_levels(shades), expected, strict=True):
+            assert np.array_equal(mipmap, level)
+            mean, of_image = (a.mean(axis=(0, 1), dtype=np.float64) for a in (mipmap, shades))
+            assert np.abs(mean - of_image).max() < 2.0**-24
+    color = np.float32([0.1, 1 / 3, 3.4e38])
+    for shape in (size[::-1], (1, 32767)):
+        assert all((level == color).all() for level in smaller_levels(np.broadcast_to(color, (*shape, 3))))
+
+
+def test_odd_sizes_weigh_by_area():
+    """Of five rows, the first new one covers two and a half; of three rows, the only one covers all."""
+    rows = np.float32([1, 10, 100, 1000, 10000]).reshape(5, 1, 1)
+    first, second = smaller_levels(rows)
+    assert first[:, 0, 0] == pytest.approx([(1 + 10 + 50) / 2.5, (50 + 1000 + 10000) / 2.5])
+    assert second[0, 0, 0] == pytest.approx(11111 / 5)
+    assert smaller_levels(np.float32([1, 2, 6]).reshape(1, 3, 1))[0].item() == 3.0
+
+
+@pytest.mark.parametrize("size", [(BAND // 6 - 1, 12), (901, 701)])
+def test_bands_of_rows_change_no_bit(monkeypatch, size):
+    """One row per band, or all; and images that need several bands by default."""
+    image = noise(*size)
+    levels = smaller_levels(image)
+    for band in (1, 1 << 40):
+        monkeypatch.setattr("clshade.pipeline.shading_tables.BAND", band)
+        for level, same in zip(levels, smaller_levels(image), strict=True):
+            assert level.tobytes() == same.tobytes()
+
+
+def test_a_large_image_takes_little_memory():
+    """Relative to the float32 image: the first level in float64 1/2, all in float32 1/3, the next in float64 1/8 while
+    it is computed; and a few bands."""
+    image = np.ones((2047, 2047, 3), np.float32)
+    tracemalloc.start()
+    try:
+        smaller_levels(image)
+        assert tracemalloc.get_traced_memory()[1] < 1.0 * image.nbytes + 4 * 8 * BAND
+    finally:
+        tracemalloc.stop()
+
+
+def test_levels_are_kept_as_long_as_their_texture():
+    texture = Texture(noise(16, 9, 4))
+    levels = levels_below(texture)
+    assert levels_below(texture) is levels
+    assert levels_below(Texture(texture.image)) is not levels
+    assert [level.shape[2] for level in levels] == [3] * 4
+    kept = weakref.ref(levels[0])
+    del texture, levels
+    gc.collect()
+    assert kept() is None
+
+
+def test_levels_lie_behind_their_texture():
+    """Each texture's own texels come first, with its alpha; levels are opaque, and exist only for the standard
+    lookup."""
+    textures = [Texture(noise(5, 4, 4)), Texture(noise(6, 3), lookup="course"), Texture(noise(16, 9))]
+    table, texels = texture_tables(textures, mipmaps=True)
+    assert table["levels"].tolist() == [3, 1, 5]
+    end = 0
+    for row, chosen in zip(table, textures, strict=True):
+        for number, level in enumerate([chosen.image, *smaller_levels(chosen.image[..., :3])][: row["levels"]]):
+            count = level.shape[0] * level.shape[1]
+            assert row["offset"][number] == end
+            stored = texels[end : end + count]
+            assert np.array_equal(stored[:, :3], level[..., :3].reshape(count, 3))
+            assert np.array_equal(stored[:, 3], level[..., 3].ravel() if level.shape[2] == 4 else np.ones(count))
+            end += count
+    assert len(texels) == end
+    plain, plain_texels = texture_tables(textures)
+    assert plain["levels"].tolist() == [1, 1, 1]
+    assert len(plain_texels) == sum(chosen.image[..., 0].size for chosen in textures)
+    # The largest texture has room for all its levels.
+    table, texels = texture_tables([Texture(np.ones((1, 32768, 3), np.float32))], mipmaps=True)
+    assert table["levels"][0] == struct_layout.MOST_LEVELS
+    assert len(texels) == 65535

@@ -8,7 +8,7 @@ Array = np.ndarray
 Mesh = tuple[Array, Array]  # vertices (V, 3), faces (F, 3)
 
 
-def random_points(mesh: Mesh, count: int, seed: int = 1, together: int = 1) -> tuple[Array, Array]:
+def face_points(mesh: Mesh, count: int, seed: int = 1, together: int = 1) -> tuple[Array, Array]:
     """Return points (K, 3) on random faces, and the faces (K,). together: how many in a row lie on one face."""
     rng = np.random.default_rng(seed)
     vertices, faces = mesh

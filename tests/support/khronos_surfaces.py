@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from khronos_cards import GREEN, HALF, LINEAR, RED, Card, matt
+from khronos_cards import LINEAR, Card
 
 ROUGHNESS = tuple(51 * k / 255 for k in range(1, 6))
 METAL = (0.9, 0.6, 0.3)
@@ -110,55 +110,4 @@ def normal_tangent(path: Path, tangents: bool = False) -> str:
         halves = [_turned(2 * (column % 2), mirrored) for mirrored in (column >= 2, column < 2)]
         for half, axes in zip((1, -1), halves, strict=True):
             card.place(_mapped(card, mapped, axes, tangents, half), column, 3)
-    return card.glb(path)
-
-
-SCALES = ((1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1))
-
-
-def negative_scale(path: Path) -> str:
-    """After NegativeScaleTest: tiles of one side under nodes with negative scales, toward the eye, and away from it with a
-    negative z; below, domes of geometry and of a normal map under the same nodes."""
-    card = Card(4, 4)
-    plain, mapped = _surfaces(card)
-    front, back = (card.tile(card.material(color)) for color in (GREEN, RED))
-    dome, square = _dome_mesh(card, plain), _mapped(card, mapped, _turned(0), False)
-    card.behind(RED, range(4), 0)
-    card.behind(GREEN, range(4), 1)
-    for column, scale in enumerate(SCALES):
-        card.place(front, column, 0, scale=list(scale))
-        card.place(back, column, 1, scale=[*scale[:2], -1])
-        card.place(dome, column, 2, scale=list(scale))
-        card.place(square, column, 3, scale=list(scale))
-    return card.glb(path)
-
-
-WALL = 0.8
-LAMPS: list[dict[str, Any]] = [
-    {"type": "point", "intensity": 3.0, "color": [1.0, 0.6, 0.3], "range": 2.5},
-    {"type": "spot", "intensity": 6.0, "color": [0.3, 0.6, 1.0]}
-    | {"spot": {"innerConeAngle": 0.15, "outerConeAngle": 0.4}},
-    {"type": "directional", "intensity": 0.5},
-    {"type": "point", "intensity": 1.0, "color": [0.2, 1.0, 0.2]},
-]
-# Positions, and quaternions that turn -z, the direction of lights, about x and y.
-LAMP_NODES: list[dict[str, Any]] = [
-    {"translation": [0.5, -0.5, 0.7]},
-    {"translation": [3.2, 0.6, 1.5], "rotation": [-math.sin(0.3), 0.0, 0.0, math.cos(0.3)]},
-    {"rotation": [0.0, math.sin(-0.5), 0.0, math.cos(-0.5)]},
-    {"translation": [4.6, -1.7, 0.5]},
-]
-
-
-def punctual_lights(path: Path) -> str:
-    """After LightsPunctualLamp: a matt wall of 6 x 3 cells under a point with a range, a spot, a sun and a lamp."""
-    card = Card(6, 3)
-    wall = card.material([WALL] * 3, unlit=False, **matt())
-    corners = np.array([[-HALF, -2 - HALF, 0], [5 + HALF, -2 - HALF, 0], [5 + HALF, HALF, 0], [-HALF, HALF, 0]])
-    normals = np.tile(np.float32([0, 0, 1]), (4, 1))
-    card.place(card.shape(corners, np.array([0, 1, 2, 0, 2, 3], np.uint16), wall, NORMAL=normals), 0, 0)
-    card.use("KHR_lights_punctual")
-    card.json["extensions"] = {"KHR_lights_punctual": {"lights": LAMPS}}
-    for number, node in enumerate(LAMP_NODES):
-        card.add("nodes", {**node, "extensions": {"KHR_lights_punctual": {"light": number}}})
     return card.glb(path)
