@@ -9,65 +9,48 @@ from functools import partial
 from pathlib import Path
 
 import khronos_cards as cards
-import khronos_surfaces as surfaces
 import numpy as np
 import pytest
 from devices import rendered
 
 from clshade.pipeline.features import OPTIONAL
-from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
 from clshade.scene.lights import DirectionalLight
-from clshade.scene.model import Light, Scene
+from clshade.scene.model import Light
 
 HEADLIGHT = DirectionalLight((0, 0, -1), (1, 1, 1))
 ASLANT = DirectionalLight((0.5, -0.6, -0.8), (1, 1, 1))
-SIDE = 15  # pixels of a cell
 
 
-class Cells:
-    """The pixels of a frame by cell. image: (rows, columns, side, side, 3) float32."""
-
-    def __init__(self, frame: Frame, columns: int, rows: int) -> None:
-        self.frame = frame
-        side = frame.rgb.shape[0] // rows
-        self.image = frame.rgb.reshape(rows, side, columns, side, 3).swapaxes(1, 2)
-
-    def inner(self, margin: float = 0.15) -> np.ndarray:
-        """Return the pixels but for a margin, a share of the side, around each cell."""
-        edge = math.ceil(margin * self.image.shape[2])
-        return self.image[:, :, edge:-edge, edge:-edge]
+def inner(image: np.ndarray) -> np.ndarray:
+    """Return the pixels of each cell but for a margin around it."""
+    edge = math.ceil(0.15 * image.shape[2])
+    return image[:, :, edge:-edge, edge:-edge]
 
 
 @pytest.fixture
-def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
-    """Return a function that draws a scene of cells. All kernels have every feature on, so that one program serves all."""
+def drawn(tmp_path: Path, device) -> Callable[..., np.ndarray]:
+    """Return a function that draws cells, (rows, columns, side, side, 3) float32. All kernels have every feature on, so that
+    one program serves all."""
 
-    def draw(
-        write: Callable[..., str],
-        columns: int,
-        rows: int,
-        *lights: Light,
-        side: int = SIDE,
-        ambient: float | None = None,
-        **settings: bool,
-    ) -> Cells:
-        scene: Scene = load(write(tmp_path / "card.glb"))
+    def draw(write, columns, rows, *lights: Light, side: int = 15, ambient: float | None = None, **settings: bool):
+        scene = load(write(tmp_path / "card.glb"))
         assert scene.ignored == ()
         at = (0.5 * (columns - 1), -0.5 * (rows - 1))
         size, resolution = (float(rows), float(columns)), (columns * side, rows * side)
         camera = Camera((*at, 5.0), (*at, 0.0), (0, 1, 0), 1.0, size, resolution, orthographic=True)
         around = scene.ambient if ambient is None else ambient
         scene = replace(scene, camera=camera, background=0.25, own_lights=True, lights=lights, ambient=around)
-        return Cells(rendered(scene, device=device, forced=OPTIONAL, **settings), columns, rows)
+        rgb = rendered(scene, device=device, forced=OPTIONAL, **settings).rgb
+        return rgb.reshape(rows, side, columns, side, 3).swapaxes(1, 2)
 
     return draw
 
 
-def passing(inner: np.ndarray) -> np.ndarray:
+def passing(cells: np.ndarray) -> np.ndarray:
     """Return whether each cell is green all over."""
-    return (np.abs(inner - cards.GREEN) < 1e-5).all(axis=(2, 3, 4))
+    return (np.abs(cells - cards.GREEN) < 1e-5).all(axis=(2, 3, 4))
 
 
 PASS_OR_FAIL = {  # what is written, columns and rows, and which of them
@@ -82,7 +65,7 @@ PASS_OR_FAIL = {  # what is written, columns and rows, and which of them
 def test_cells_pass_and_notice_wrong_settings(drawn, name):
     """In the file with wrong settings no cell passes: each is able to fail."""
     write, columns, rows, which = PASS_OR_FAIL[name]
-    right, wrong = (passing(drawn(w, columns, rows).inner())[which] for w in (write, partial(write, wrong=True)))
+    right, wrong = (passing(inner(drawn(w, columns, rows)))[which] for w in (write, partial(write, wrong=True)))
     assert right.all(), np.argwhere(~right).tolist()
     assert not wrong.any(), np.argwhere(wrong).tolist()
 
@@ -104,7 +87,7 @@ COLORS = {  # what is written, columns and rows, ambient light; a row, its cells
 @pytest.mark.parametrize("case", COLORS.values(), ids=COLORS)
 def test_cells_have_their_colors(drawn, case):
     write, columns, rows, ambient, row, which, expected, tolerance = case
-    cells = drawn(write, columns, rows, ambient=ambient).inner()[row, which]
+    cells = inner(drawn(write, columns, rows, ambient=ambient))[row, which]
     expected = np.broadcast_to(np.asarray(expected)[:, None, None], cells.shape)
     np.testing.assert_allclose(cells, expected, rtol=tolerance, atol=tolerance)
 
@@ -112,8 +95,8 @@ def test_cells_have_their_colors(drawn, case):
 def test_spheres_reflect_a_headlight_in_closed_form(drawn):
     """Where N = V = L, glTF's D is 1/(pi alpha^2), V is 1/4 and F is F0; a light of 1 is one of pi in its units. The pole
     of each sphere is the center of a pixel."""
-    image = drawn(surfaces.metal_rough_spheres, 5, 3, HEADLIGHT, side=31, ambient=0.0).image
-    base, alpha = np.array(surfaces.METAL), np.array(surfaces.ROUGHNESS)[:, None] ** 2
+    image = drawn(cards.metal_rough_spheres, 5, 3, HEADLIGHT, side=31, ambient=0.0)
+    base, alpha = np.array(cards.METAL), np.array(cards.ROUGHNESS)[:, None] ** 2
     metals = base / (4.0 * alpha * alpha)
     dielectrics = 0.96 * base + 0.04 / (4.0 * alpha * alpha)
     np.testing.assert_allclose(image[:2, :, 15, 15], [metals, dielectrics], rtol=1e-5)
@@ -129,8 +112,8 @@ QUANTIZED = 0.013
 def test_maps_shade_as_geometry_does(drawn, tangents):
     """Turned, mirrored and half mirrored coordinates. A wrong sign of a tangent changes cells by more than ten times the
     bound. Without shadows, whose terminator is softened by the faces, which lie otherwise below maps."""
-    write = partial(surfaces.normal_tangent, tangents=tangents)
-    image = drawn(write, 4, 4, ASLANT, side=surfaces.GRID, ambient=0.0, shadows=False).image[:, :, 2:-2, 2:-2]
+    write = partial(cards.normal_tangent, tangents=tangents)
+    image = drawn(write, 4, 4, ASLANT, side=cards.GRID, ambient=0.0, shadows=False)[:, :, 2:-2, 2:-2]
     geometry = image[0, 0]
     assert np.abs(geometry[:, ::-1] - geometry).max() > 20.0 * QUANTIZED
     assert np.abs(geometry[::-1] - geometry).max() > 20.0 * QUANTIZED
