@@ -67,12 +67,11 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
 
 
 SIZES = [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)]
+CASES = [*((1, size) for size in SIZES), *((count, SIZES[1]) for count in (2, 3, 16, 64))]
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    ("count", "resolution"), [*((1, size) for size in SIZES), *((n, SIZES[1]) for n in (2, 3, 16, 64))]
-)
+@pytest.mark.parametrize(("count", "resolution"), CASES)
 def test_lists(device, count, resolution):
     """Each triangle is listed, in the given order, in exactly the tiles of its hull that none of its edges excludes, which
     include all tiles with a pixel that it covers at any sample."""
@@ -93,8 +92,7 @@ def test_lists(device, count, resolution):
 
 @pytest.mark.parametrize(("chunk", "parts"), [(1, 1), (2, 3), (7, 1), (64, 64), (1000, 7), (10**6, 2)])
 def test_chunks_and_parts_change_nothing(device, chunk, parts):
-    xy = triangles(2, 400)
-    pipeline = set_up(device, xy, (90, 70))
+    pipeline = set_up(device, triangles(2, 400), (90, 70))
     lists = pipeline.bin()
     entries, starts = pipeline.lists.array.copy(), pipeline.starts.array.copy()
     assert sum(map(len, lists)) > 250

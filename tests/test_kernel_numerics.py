@@ -143,8 +143,7 @@ def test_exact_values(probe):
     """n = 0 gives 1 everywhere, n = 1 exactly 1 - t, t = 0 exactly 1. Results below the range are 0, never denormal."""
     assert probe("log2_less", float32([0.0])).tolist() == [0.0]
     assert probe("exp2_below", float32([0.0, -0.0, -1.0, -LOWEST])).tolist() == [1.0, 1.0, 0.5, 2.0**-LOWEST]
-    below = float32([-LOWEST - 1e-5, -126, -127.5, -149, -1e9, -3e38, -np.inf])
-    assert not bits(probe("exp2_below", below)).any()
+    assert not bits(probe("exp2_below", float32([-LOWEST - 1e-5, -126, -127.5, -149, -1e9, -3e38, -np.inf]))).any()
     t, n = np.meshgrid(float32([1e-7, 0.01, 0.5, 0.9999, 1 - HALF_ULP]), float32([0, 1, 20, 1e3, 1e9]))
     powers = probe("power", t.reshape(-1), n.reshape(-1))
     assert ((powers == 0.0) | ((powers >= 2.0**-LOWEST) & np.isfinite(powers))).all()
@@ -164,16 +163,14 @@ def test_normalize_or_zero(probe):
     v = float32(random().normal(size=(20_000, 3)) * np.exp2(random(seed=2).integers(-45, 60, (20_000, 1))))
     normalized = probe("unit", *np.ascontiguousarray(v.T), width=3)
     wide = v.astype(np.float64)
-    expected = wide / np.sqrt((wide * wide).sum(axis=1, keepdims=True))
-    assert relative(normalized, expected) <= 6.5 * HALF_ULP
+    assert relative(normalized, wide / np.sqrt((wide * wide).sum(axis=1, keepdims=True))) <= 6.5 * HALF_ULP
 
 
 def test_vectors_too_short_become_zero(probe):
     """Squared lengths below 2^-100 count as zero, also if they underflow; the first above has a direction."""
     v = float32([[0, 0, 0], [-0.0, 0, -0.0], [0, 2.0**-50.1, 0], [2.0**-75, 2.0**-75, 0], [1e-38, 0, 0], [1e-45, 0, 0]])
     assert not probe("unit", *np.ascontiguousarray(v.T), width=3).any()
-    just = float32([[0, -(2.0**-50), 0]])
-    assert probe("unit", *np.ascontiguousarray(just.T), width=3).tolist() == [[0, -1, 0]]
+    assert probe("unit", *np.ascontiguousarray(float32([[0, -(2.0**-50), 0]]).T), width=3).tolist() == [[0, -1, 0]]
 
 
 @pytest.mark.parametrize("n", [0.0, 1.0, 20.0, 1e3, 1e5, 1e9])
@@ -196,8 +193,7 @@ def test_power_beyond_the_lobe_is_small_and_close(probe):
         expected = np.exp(y)
         powers = probe("power", t, np.full_like(t, n))
         kept = expected > 1.001 * 2.0**-LOWEST
-        error = np.abs(powers[kept] / expected[kept] - 1.0)
-        assert (error <= (7.0 * np.abs(y[kept]) + 3.0) * HALF_ULP).all()
+        assert (np.abs(powers[kept] / expected[kept] - 1.0) <= (7.0 * np.abs(y[kept]) + 3.0) * HALF_ULP).all()
         assert (powers[~kept] <= 1.002 * 2.0**-LOWEST).all()
 
 
@@ -210,8 +206,7 @@ def operands():
     sums."""
     values = random().normal(size=(2, 50_000)) * np.exp2(random(seed=7).integers(-40, 40, (2, 50_000)))
     a, b = split(values[0]), split(values[1])
-    wide = [high.astype(np.float64) + low for high, low in (a, b)]
-    return (*a, *b), wide
+    return (*a, *b), [high.astype(np.float64) + low for high, low in (a, b)]
 
 
 @pytest.mark.parametrize(("name", "bound"), [("sum", 3), ("product", 6), ("quotient", 11)])

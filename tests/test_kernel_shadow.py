@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, slivers, soup, sphere
+from caster_meshes import Mesh, border_points, box, face_points, joined, lattice, moved, slivers, soup, sphere
 from exact_shadows import DARK, EITHER, LIT, ExactShadows
 
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
@@ -53,7 +53,7 @@ CASES = {  # from inside of closed meshes nothing outside is seen, also along ed
 @pytest.mark.parametrize("name", CASES)
 def test_shadows_are_the_exact_ones(device, name):
     mesh, light = CASES[name]
-    exact = [compare(device, mesh, light, points) for points in (random_points(mesh, 80), border_points(mesh, 50))]
+    exact = [compare(device, mesh, light, points) for points in (face_points(mesh, 80), border_points(mesh, 50))]
     if ", " in name:
         assert EITHER not in exact[0]
         assert np.count_nonzero(exact[1] == EITHER) <= 10  # the rounding of points on borders decides
@@ -69,7 +69,7 @@ def test_a_flat_mesh_casts_no_shadow_on_itself(device, turned, light):
         rotation, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
         light = [*(rotation @ light[:3]), light[3]]
     hierarchy = Hierarchy(device, *mesh)
-    for points in (random_points(mesh, 2000), border_points(mesh, 2000)):
+    for points in (face_points(mesh, 2000), border_points(mesh, 2000)):
         assert not hierarchy.shadowed(*points, np.array(light)).any()
 
 
@@ -79,10 +79,9 @@ def test_receivers_off_their_plane(device, units):
     """To either side: by as much as rounding may move them, on a flat mesh, they are as if they were on it."""
     mesh = joined(lattice(4), moved(box(), 0.5, 0.1))
     frame = CasterFrame.around(mesh[0])
-    at, receivers = random_points(lattice(4), 40)
+    at, receivers = face_points(lattice(4), 40)
     for light in ([1.0, 0.8, 1.5, 1.0], [0.2, 0.1, -1.0, 1.0], [0.3, 0.2, 1e-3, 1.0], [1.0, 0.5, 0.7, 0.0]):
         on_plane = compare(device, mesh, light, (at, receivers))
         for off in (units, -units):
-            points = at + [0.0, 0.0, off * SHADOW_GRID / frame.unit]
-            shadows = compare(device, mesh, light, (points, receivers))
+            shadows = compare(device, mesh, light, (at + [0.0, 0.0, off * SHADOW_GRID / frame.unit], receivers))
             assert units > RECEIVER_UNITS or np.array_equal(shadows, on_plane)

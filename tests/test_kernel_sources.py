@@ -43,9 +43,8 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
 def test_every_macro_that_a_kernel_tests_is_defined(path):
     """A macro in #if that nobody defines would silently be 0: a feature that is a condition at run time, or misspelled."""
-    macros = {"FP64", "LANES", *COMPILED} | set(
-        re.findall(r"^\s*#\s*define\s+(\w+)", "\n".join(kernel.read_text() for kernel in KERNELS), re.MULTILINE)
-    )
+    texts = "\n".join(kernel.read_text() for kernel in KERNELS)
+    macros = {"FP64", "LANES", *COMPILED, *re.findall(r"^\s*#\s*define\s+(\w+)", texts, re.MULTILINE)}
     text = code_of(path.read_text())
     tested = set()
     for line in re.findall(r"^\s*#\s*(?:el)?if\s(.*)$", text, re.MULTILINE):

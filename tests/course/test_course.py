@@ -51,30 +51,6 @@ def test_the_image_is_the_renderers_frame(device, shader):
 # Closed forms
 
 
-@pytest.mark.sampled
-@pytest.mark.parametrize("shader", ["phong", "gouraud"])
-def test_a_facing_quad_under_a_far_light(shader):
-    """N.L = 1 everywhere: ka*Ia + Ip*kd over the background, on exactly its pixels."""
-    image = course.render_object(**reference.quad_arguments(shader=shader))
-    square = np.zeros((16, 16), bool)
-    square[4:12, 4:12] = True
-    assert np.allclose(image[square], np.array([0.1, 0.2, 0.3]) + 0.5 * np.array([1, 0.5, 4]), rtol=1e-6)
-    assert (image[~square] == BACKGROUND).all()
-
-
-def test_rows_go_up_and_columns_to_the_right():
-    """Bottom left red, bottom right green, top blue, unlit."""
-    verts = np.array([[-1, 1, 0], [-1, -1, 1], [0, 0, 0.0]])
-    shape = {"M": 32, "N": 64, "W": 2, "verts": verts, "verts_colors": np.eye(3), "faces": [[0], [1], [2]]}
-    image = course.render_object(**reference.quad_arguments(shader="nolight", **shape))
-    assert image.shape == (32, 64, 3)
-    rows, columns = np.nonzero((image != BACKGROUND).any(axis=2))
-    across = columns[rows == rows.min()]
-    assert image[rows.min(), across.min()].argmax() == 0
-    assert image[rows.min(), across.max()].argmax() == 1
-    assert image[rows.max(), 31].argmax() == 2
-
-
 @pytest.mark.parametrize(
     "changes",
     [

@@ -4,6 +4,7 @@ work."""
 from __future__ import annotations
 
 import re
+from unittest.mock import Mock
 
 import course_reference as reference
 import numpy as np
@@ -69,14 +70,8 @@ VIEW = {
     "W": [None, 0, INF],
     "light_amb": COEFFICIENT,
 }
-VERTS = [
-    None,
-    np.zeros((4, 5)),
-    MESH.verts[:, :2],
-    changed(MESH.verts.T, (1, 7), NAN),
-    changed(MESH.verts.T, (0, 0), INF),
-]
-VERTS += ["teapot", MESH.verts]  # the other arrays are 3xN
+VERTS = [None, "teapot", np.zeros((4, 5)), MESH.verts[:, :2], MESH.verts]  # the other arrays are 3xN
+VERTS += [changed(MESH.verts.T, (1, 7), NAN), changed(MESH.verts.T, (0, 0), INF)]
 COUNT = len(MESH.verts)
 FACES = [None, MESH.faces.T.astype(float), MESH.faces[:, :2], changed(MESH.faces.T, (2, 3), COUNT), MESH.faces]
 FACES += [changed(MESH.faces.T, (2, 3), -1), changed(MESH.faces.T.astype(np.int64), (0, 0), 2**32 + 2)]
@@ -84,6 +79,7 @@ COLORS = [None, MESH.colors.T[:, :-1], changed(MESH.colors.T, (0, 3), NAN), np.o
 UVS = [None, MESH.uvs.T[:1], changed(MESH.uvs.T, (0, 1), NAN), np.zeros((3, 9)), MESH.uvs]
 UV_FACES = [None, MESH.uv_faces.T[:, :-1], changed(MESH.uv_faces.T, (0, 0), len(MESH.uvs)), MESH.uv_faces]
 TEXTURE = [None, np.ones((2, 3)), np.ones((2, 3, 4)), np.ones((0, 3, 3)), np.full((2, 3, 3), NAN), "cat_diff.png", 7]
+MAPPED = {"uvs": UVS, "uvs_faces": UV_FACES, "texture_map": TEXTURE}
 
 REFUSED = {
     "light": POINT | TERMS | LIGHTS,
@@ -93,21 +89,14 @@ REFUSED = {
     "shade_phong": SHADING,
     "bilerp": {"uv": [None, 0.5, [1, 2, 3], [0.5, NAN], [INF, 0], "uv"], "texture_map": TEXTURE},
     "render_object": VIEW | TERMS | LIGHTS | {"verts": VERTS, "verts_colors": COLORS, "faces": FACES},
-    "render_object_map": VIEW
-    | TERMS
-    | LIGHTS
-    | {"verts": VERTS, "faces": FACES, "uvs": UVS, "uvs_faces": UV_FACES, "texture_map": TEXTURE},
+    "render_object_map": VIEW | TERMS | LIGHTS | {"verts": VERTS, "faces": FACES} | MAPPED,
 }
 CASES = [(name, argument) for name, arguments in REFUSED.items() for argument in arguments]
 
 
 @pytest.fixture
 def no_device(monkeypatch):
-
-    def never():
-        raise AssertionError("a device was asked for")
-
-    monkeypatch.setattr(course, "shared_device", never)
+    monkeypatch.setattr(course, "shared_device", Mock(side_effect=AssertionError("a device was asked for")))
 
 
 # Names that may be blamed if several arguments disagree.

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pyopencl as cl
 import pytest
@@ -20,9 +21,7 @@ from clshade.errors import DeviceError
 from clshade.pipeline import programs
 from clshade.pipeline.opencl import environment
 
-
-def no_space(*arguments, **options):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+no_space = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
 
 
 # Full disks
@@ -37,12 +36,9 @@ def disks(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     monkeypatch.setattr(environment, "_home", None)
-
-    def usage(path):
-        name = Path(path).relative_to(tmp_path).parts[0]
-        return SimpleNamespace(total=1 << 30, used=0, free=free[name])
-
-    monkeypatch.setattr(shutil, "disk_usage", usage)
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda path: SimpleNamespace(free=free[Path(path).relative_to(tmp_path).parts[0]])
+    )
     return free
 
 
@@ -72,20 +68,15 @@ def test_full_disks_and_limits_are_named(disks, tmp_path, monkeypatch):
         environment.cache_home()
     disks.update(home=1 << 30, tmp=1 << 30)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (512_000, 512_000))
-    with pytest.raises(
-        DeviceError, match=r"home: files of at most 0.5 MB, 4 MB needed: raise `ulimit -f`; .*/tmp/clsh"
-    ):
+    line = r"home: files of at most 0.5 MB, 4 MB needed: raise `ulimit -f`; .*/tmp/clsh"
+    with pytest.raises(DeviceError, match=line):
         environment.cache_home()
 
 
 def test_a_build_without_a_message_names_the_cache_that_is_full(opened, tmp_path, monkeypatch):
     """As where the user's quota ends during the build."""
-
-    def refuse(*_: object) -> None:
-        raise cl.RuntimeError("x")
-
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(programs, "_without_log", refuse)
+    monkeypatch.setattr(programs, "_without_log", Mock(side_effect=cl.RuntimeError("x")))
     pocl = SimpleNamespace(name="CPU", keeps_programs=True, context=opened.context)
     with pytest.raises(DeviceError, match=r"did not build: no message from its compiler$"):
         programs.compiled(pocl, "", [])

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from processes import OPEN, ROOT, python
@@ -263,10 +264,7 @@ def test_an_interrupt_ends_probes(tmp_path, call, at):
 
 
 def test_a_probe_that_cannot_be_started(fresh_cache, monkeypatch):
-    def no_space(*arguments, **options):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(subprocess, "Popen", no_space)
+    monkeypatch.setattr(subprocess, "Popen", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     with pytest.raises(DeviceError, match=r"0:0 .* cannot be tried out: No space left on device"):
         probe.start(POCL)
     assert not list(fresh_cache.iterdir())

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import oracle_asserts
@@ -45,28 +45,26 @@ def texture(channels: int = 3, **fields: Any) -> Texture:
     return Texture(np.random.default_rng(5).random((13, 9, channels)), **fields)
 
 
-def stage(
-    material: Material = PLAIN, *more: Mesh, cells: int = 5, mesh: dict[str, Any] | None = None, **fields: Any
-) -> Scene:
+def stage(material: Material = PLAIN, cells: int = 5, mesh: dict[str, Any] | None = None, **fields: Any) -> Scene:
     """Return triangles of all sizes and a bent sheet of a material over a ground. mesh: fields of the sheet."""
     corners = np.array([[-4.0, -1.2, -4.0], [-4.0, -1.2, 4.0], [4.0, -1.2, 4.0], [4.0, -1.2, -4.0]])
     ground = Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 0.8), material=PLAIN)
     crystals = replace(blob(30, material=PLAIN), verts=0.5 * blob(30).verts - [0.4, 0.0, 0.4])
     bent = sheet(cells, material=material, **(mesh or {}))
-    return mapped_scene(ground, crystals, bent, *more, **{"camera": CAMERA, **fields})
+    return mapped_scene(ground, crystals, bent, **{"camera": CAMERA, **fields})
 
 
-def sheet_with(scene: Scene, **fields: Any) -> Scene:
-    """Return the scene with other fields of the sheet's material."""
-    *objects, bent = scene.meshes
-    return replace(scene, meshes=(*objects, replace(bent, material=replace(bent.material, **fields))))
+def surfaced(**fields: Any) -> Change:
+    """Return what changes fields of the sheet's material."""
+
+    def change(scene: Scene) -> Scene:
+        *objects, bent = scene.meshes
+        return replace(scene, meshes=(*objects, replace(bent, material=replace(bent.material, **fields))))
+
+    return change
 
 
-def changed_sheet(**fields: Any) -> Change:
-    return lambda scene: sheet_with(scene, **fields)
-
-
-def changed_light(**fields: Any) -> Change:
+def relit(**fields: Any) -> Change:
     return lambda scene: replace(scene, lights=(replace(scene.lights[0], **fields), *scene.lights[1:]))
 
 
@@ -83,7 +81,7 @@ RANGED = PointLight((0.3, 1.2, 1.5), (2.0, 1.5, 1.0), "inverse-square", 4.0)
 SPOT = SpotLight((1.0, 3.0, 2.0), (-0.3, -1.0, -0.6), (5.0, 5.0, 5.0), 10.0, 35.0, "inverse-square")
 SPHERE = PointLight((0.6, 1.6, 1.4), (1.0, 0.9, 0.7), radius=0.5)
 PANEL = RectangleLight((0.3, 1.8, 1.5), (0.5, 0.1, 0.0), (0.1, 0.2, 0.4), (1.5, 1.4, 1.2), "inverse-square", 5.0)
-SIZED = {"light_samples": 3}
+SIZED, SHADOWS = {"light_samples": 3}, {"shadows": True}
 
 
 def placed(*scale: float) -> np.ndarray:
@@ -141,10 +139,10 @@ def mixed_maps() -> Scene:
     """Return sheets with all maps, some of them or none, mirrored, stretched and turned round, without texture coordinates
     that they need, and behind the eye."""
     plain: dict[str, Any] = {"normal_texture": None, "occlusion_texture": None, "emission_texture": None}
-    mirror, stretched = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([2.0, 0.4, 1.5, 1.0])
-    mirror[:3, 3], stretched[:3, 3] = (0.5, 0.6, -0.7), (-0.5, -0.9, -0.3)
-    behind = np.diag([1.0, -1.0, -1.0, 1.0])
-    behind[:3, 3] = -1.1, 0.8, -0.5
+    mirror, stretched = np.diag([-0.4, 0.4, 0.4, 1.0]), np.diag([0.8, 0.2, 0.6, 1.0])
+    mirror[:3, 3], stretched[:3, 3] = (0.2, 0.3, 1.0), (-0.5, -0.7, 0.8)
+    behind = np.diag([0.3, -0.3, -0.3, 1.0])
+    behind[:3, 3] = -0.7, 0.7, 1.0
     second = Texture(normal_image(5, 5, 8), coordinates=1, wrap="mirror")
 
     def with_maps(shift: tuple[float, float, float], **changes: Any) -> Mesh:
@@ -181,162 +179,130 @@ def moved_crystals(scene: Scene) -> Scene:
 
 PARALLEL = replace(CAMERA, orthographic=True, plane=(2.6, 3.2), principal=(0.4, 0.55))
 ALL_LAYERS = {"layers": "all"}
-TRILINEAR = {"texture_filter": "trilinear"}
+TRILINEAR, PERSPECTIVE = {"texture_filter": "trilinear"}, {"interpolation": "perspective"}
+BACKDROP, WEIGHTED = {"background": "environment"}, {"resolve": "weighted"}
 NARROW_RANGE = {"scalars": Scalars("data", "viridis", (0.0, 0.31))}
 LINES = {"edges": Edges(("feature", "silhouette"), width=2.6, color=(1, 0.5, 0))}
 OCCLUDED = {"ambient_occlusion": 4, "resolution": (35, 27), "layers": ("Z", "id", "P", "AO")}
 
 
-class Row(NamedTuple):
+class Row:
     """scene, options: what is drawn. wrong: changes of the scene, or settings, for each of which it is beyond the bounds."""
 
-    scene: Callable[[], Scene]
-    options: dict[str, Any]
-    wrong: tuple[Change | dict[str, Any], ...]
-
-
-def row(scene: Callable[[], Scene], options: dict[str, Any] | None = None, *wrong: Change | dict[str, Any]) -> Row:
-    return Row(scene, options or {}, wrong)
+    def __init__(self, scene: Callable[[], Scene], options: dict[str, Any], *wrong: Change | dict[str, Any]) -> None:
+        self.scene, self.options, self.wrong = scene, options, wrong
 
 
 # Of few programs: those of shaders phong and pbr with and without rays to casters, and of several samples.
 EVERY_DAY = {
-    "points": row(stage, {}, changed_light(position=(3.001, 4.0, 5.0)), moved_crystals),
-    "a sun": row(lambda: lit_by(SUN), {}, changed_light(direction=(-1.01, -2.0, -1.5))),
-    "a ranged light": row(
-        lambda: lit_by(RANGED), {}, changed_light(range=4.04), changed_light(intensity=(2.002, 1.5, 1.0))
-    ),
-    "a spot": row(lambda: lit_by(SPOT), {}, changed_light(outer_cone=36.0), changed_light(inner_cone=11.0)),
-    "a sphere": row(lambda: lit_by(SPHERE), SIZED, changed_light(radius=0.505), {"light_samples": 4}),
-    "a rectangle": row(lambda: lit_by(PANEL), {"light_samples": 16}, changed_light(right=(0.505, 0.1, 0.0))),
-    "trilinear": row(lambda: stage(replace(PLAIN, texture=texture())), TRILINEAR, {"texture_filter": "bilinear"}),
-    "nearest": row(
+    "points": Row(stage, {}, relit(position=(3.001, 4.0, 5.0)), moved_crystals),
+    "a sun": Row(lambda: lit_by(SUN), {}, relit(direction=(-1.01, -2.0, -1.5))),
+    "a ranged light": Row(lambda: lit_by(RANGED), {}, relit(range=4.04), relit(intensity=(2.002, 1.5, 1.0))),
+    "a spot": Row(lambda: lit_by(SPOT), {}, relit(outer_cone=36.0), relit(inner_cone=11.0)),
+    "a sphere": Row(lambda: lit_by(SPHERE), SIZED, relit(radius=0.505), {"light_samples": 4}),
+    "a rectangle": Row(lambda: lit_by(PANEL), {"light_samples": 16}, relit(right=(0.505, 0.1, 0.0))),
+    "trilinear": Row(lambda: stage(replace(PLAIN, texture=texture())), TRILINEAR, {"texture_filter": "bilinear"}),
+    "nearest": Row(
         lambda: stage(replace(PLAIN, texture=texture(filter="nearest", wrap="mirror"))),
         {},
-        changed_sheet(texture=texture(wrap="mirror")),
+        surfaced(texture=texture(wrap="mirror")),
     ),
-    "the course's lookup": row(
-        lambda: stage(replace(PLAIN, texture=texture(lookup="course"))), TRILINEAR, changed_sheet(texture=texture())
+    "the course's lookup": Row(
+        lambda: stage(replace(PLAIN, texture=texture(lookup="course"))), TRILINEAR, surfaced(texture=texture())
     ),
-    "far coordinates": row(far_uvs, {"layers": ("Z", "id", "uv", "albedo")}, changed_sheet(texture=texture())),
-    "holes": row(cut_out, {}, changed_sheet(alpha_cutoff=0.46)),
-    "front sides": row(mirrored, {}, changed_sheet(sides="both")),
-    "two sides": row(cut_out, {"near": 3.0}, changed_sheet(two_sided=False)),
-    "indices of their own": row(mixed, {**ALL_LAYERS, **TRILINEAR}, changed(meshes=mixed().meshes[:-1])),
-    "glass": row(glass, {}, changed_sheet(opacity=0.801)),
-    "glass over nothing": row(
+    "far coordinates": Row(far_uvs, {"layers": ("Z", "id", "uv", "albedo")}, surfaced(texture=texture())),
+    "holes": Row(cut_out, {}, surfaced(alpha_cutoff=0.46)),
+    "front sides": Row(mirrored, {}, surfaced(sides="both")),
+    "two sides": Row(cut_out, {"near": 3.0}, surfaced(two_sided=False)),
+    "indices of their own": Row(mixed, {**ALL_LAYERS, **TRILINEAR}, changed(meshes=mixed().meshes[:-1])),
+    "glass": Row(glass, {}, surfaced(opacity=0.801)),
+    "glass over nothing": Row(
         lambda: glass(background=None, camera=PARALLEL), {"layers": "all", "layer_alpha": 0.5}, {"layer_alpha": 0.0}
     ),
-    "lines": row(stage, LINES, {"edges": replace(LINES["edges"], width=2.8)}),
-    "lines alone": row(glass, {"edges": Edges("all", only=True)}, {"edges": Edges("all")}),
-    "lines over scalars": row(
-        measured, {"edges": "all", "scalars": "data", "layers": ("Z", "id", "scalar")}, NARROW_RANGE
+    "lines": Row(stage, LINES, {"edges": replace(LINES["edges"], width=2.8)}),
+    "lines alone": Row(glass, {"edges": Edges("all", only=True)}, {"edges": Edges("all")}),
+    "lined scalars": Row(measured, {"edges": "all", "scalars": "data", "layers": ("Z", "id", "scalar")}, NARROW_RANGE),
+    "scalars": Row(measured, {"scalars": "data", "layers": "all"}, NARROW_RANGE),
+    "scalars of corners": Row(lambda: measured("corners"), {"scalars": Scalars("data", "tab10", (-0.1, 0.2))}),
+    "parallel": Row(lambda: cut_out(camera=PARALLEL), {}, changed(camera=replace(PARALLEL, principal=(0.401, 0.55)))),
+    "nothing behind": Row(lambda: stage(background=None), {}, changed(background=(1e-3, 0.0, 0.0))),
+    "an environment behind": Row(
+        lambda: glass(environment=AROUND), BACKDROP, changed(environment=replace(AROUND, rotation=26))
     ),
-    "scalars": row(measured, {"scalars": "data", "layers": "all"}, NARROW_RANGE),
-    "scalars of corners": row(lambda: measured("corners"), {"scalars": Scalars("data", "tab10", (-0.1, 0.2))}),
-    "a parallel camera": row(
-        lambda: cut_out(camera=PARALLEL), {}, changed(camera=replace(PARALLEL, principal=(0.401, 0.55)))
-    ),
-    "nothing behind": row(lambda: stage(background=None), {}, changed(background=(1e-3, 0.0, 0.0))),
-    "an environment behind": row(
-        lambda: glass(environment=AROUND),
-        {"background": "environment"},
-        changed(environment=replace(AROUND, rotation=26)),
-    ),
-    "affine": row(
-        cut_out, {"preset": "course", "shader": "phong", "visibility": "depth"}, {"interpolation": "perspective"}
-    ),
-    "near": row(mirrored, {"near": 3.3, "layers": "all"}, {"near": 3.4}),
-    "glaring": row(glaring, {}, changed_light(intensity=(1.001, 0.9, 0.7))),
-    "shadows": row(stage, {"shadows": True}, moved_crystals, changed_light(position=(3.02, 4.0, 5.0))),
-    "shadows of a sun": row(lambda: stage(lights=SUN), {"shadows": True}, changed_light(direction=(-1.02, -2.0, -1.5))),
-    "shadows of a spot": row(lambda: lit_by(SPOT, RANGED), {"shadows": True}, {"shadows": False}),
-    "shadows of a sphere": row(lambda: lit_by(SPHERE), {"shadows": True, **SIZED}, changed_light(radius=0.52)),
-    "shadows of a rectangle": row(lambda: lit_by(PANEL), {"shadows": True, **SIZED}, {"light_samples": 4}),
-    "shadows of glass": row(glass, {"shadows": True}, changed_sheet(opacity=0.801)),
-    "shadows of holes": row(
-        lambda: cut_out(lights=SPHERE), {"shadows": True, **SIZED}, changed_sheet(alpha_cutoff=0.5)
-    ),
-    "ambient occlusion": row(stage, {**OCCLUDED, "ao_distance": 0.8}, {"ambient_occlusion": 5}, {"ao_distance": 0.82}),
-    "occlusion of all light": row(stage, {**OCCLUDED, "ambient": "plain", "shadows": True}, {"ambient": "tinted"}),
-    "metal": row(lambda: stage(facets()), {"shader": "pbr"}, changed_sheet(pbr=MetallicRoughness(0.601, 0.3))),
-    "all maps": row(
-        all_maps, {"shader": "pbr", "layers": ("Z", "id", "N")}, changed_sheet(pbr=mapped(normal_scale=0.81))
-    ),
-    "maps of the second coordinates": row(
+    "affine": Row(cut_out, {"preset": "course", "shader": "phong", "visibility": "depth"}, PERSPECTIVE),
+    "near": Row(mirrored, {"near": 3.3, "layers": "all"}, {"near": 3.4}),
+    "glaring": Row(glaring, {}, relit(intensity=(1.001, 0.9, 0.7))),
+    "shadows": Row(stage, SHADOWS, moved_crystals, relit(position=(3.02, 4.0, 5.0))),
+    "shadows of a sun": Row(lambda: stage(lights=SUN), SHADOWS, relit(direction=(-1.02, -2.0, -1.5))),
+    "shadows of a spot": Row(lambda: lit_by(SPOT, RANGED), SHADOWS, {"shadows": False}),
+    "shadows of a sphere": Row(lambda: lit_by(SPHERE), {**SHADOWS, **SIZED}, relit(radius=0.52)),
+    "shadows of a rectangle": Row(lambda: lit_by(PANEL), {**SHADOWS, **SIZED}, {"light_samples": 4}),
+    "shadows of glass": Row(glass, SHADOWS, surfaced(opacity=0.801)),
+    "shadows of holes": Row(lambda: cut_out(lights=SPHERE), {**SHADOWS, **SIZED}, surfaced(alpha_cutoff=0.5)),
+    "ambient occlusion": Row(stage, {**OCCLUDED, "ao_distance": 0.8}, {"ambient_occlusion": 5}, {"ao_distance": 0.82}),
+    "occlusion of all light": Row(stage, {**OCCLUDED, "ambient": "plain", **SHADOWS}, {"ambient": "tinted"}),
+    "metal": Row(lambda: stage(facets()), {"shader": "pbr"}, surfaced(pbr=MetallicRoughness(0.601, 0.3))),
+    "all maps": Row(all_maps, {"shader": "pbr", "layers": ("Z", "id", "N")}, surfaced(pbr=mapped(normal_scale=0.81))),
+    "maps of the second coordinates": Row(
         lambda: all_maps(**{name: Texture(noise(6, 7, 5), coordinates=1) for name in list(MAPS)[:2]}), {"shader": "pbr"}
     ),
-    "maps of the nearest texels": row(
+    "maps of the nearest texels": Row(
         lambda: all_maps(**{name: Texture(noise(9, 8, 6), filter="nearest") for name in list(MAPS)[:2]}),
         {"shader": "pbr", **TRILINEAR},
     ),
-    "mixed maps": row(mixed_maps, {"shader": "pbr", "layers": ("Z", "id", "N")}),
-    "an environment": row(surrounded, {"shader": "pbr"}, changed(environment=replace(AROUND, intensity=1.502))),
-    "four samples": row(stage, {"samples": 4}, {"samples": 5}),
-    "four samples of glass": row(glass, {"samples": 4}, changed_sheet(opacity=0.801)),
+    "mixed maps": Row(mixed_maps, {"shader": "pbr", "layers": ("Z", "id", "N")}),
+    "an environment": Row(surrounded, {"shader": "pbr"}, changed(environment=replace(AROUND, intensity=1.502))),
+    "four samples": Row(stage, {"samples": 4}, {"samples": 5}),
+    "four samples of glass": Row(glass, {"samples": 4}, surfaced(opacity=0.801)),
 }
 PBR = {"shader": "pbr", "shadows": True}
 DOUBLE = {"precision": "float64"}
 LONG = {
-    "occlusion by glass and holes": row(lambda: glass(lights=()), OCCLUDED, changed_sheet(opacity=0.9)),
-    "gouraud": row(
-        lambda: lit_by(SPOT, RANGED, SPHERE, PANEL), {"shader": "gouraud", **SIZED}, changed_light(outer_cone=36.0)
+    "occlusion by glass and holes": Row(lambda: glass(lights=()), OCCLUDED, surfaced(opacity=0.9)),
+    "gouraud": Row(lambda: lit_by(SPOT, RANGED, SPHERE, PANEL), {"shader": "gouraud", **SIZED}, relit(outer_cone=36.0)),
+    "gouraud, glass": Row(glass, {"shader": "gouraud", **TRILINEAR}, surfaced(opacity=0.801)),
+    "gouraud, scalars": Row(lambda: measured("faces"), {"shader": "gouraud", "scalars": "data", **ALL_LAYERS}),
+    "gouraud, course": Row(cut_out, {"preset": "course", "shader": "gouraud"}, surfaced(alpha_cutoff=0.46)),
+    "gouraud, shadows": Row(
+        lambda: glass(lights=(SPHERE, SUN)), {"shader": "gouraud", **SHADOWS, **SIZED}, {"shadows": False}
     ),
-    "gouraud, glass": row(glass, {"shader": "gouraud", **TRILINEAR}, changed_sheet(opacity=0.801)),
-    "gouraud, scalars": row(lambda: measured("faces"), {"shader": "gouraud", "scalars": "data", **ALL_LAYERS}),
-    "gouraud, course": row(cut_out, {"preset": "course", "shader": "gouraud"}, changed_sheet(alpha_cutoff=0.46)),
-    "gouraud, shadows": row(
-        lambda: glass(lights=(SPHERE, SUN)), {"shader": "gouraud", "shadows": True, **SIZED}, {"shadows": False}
+    "unlit": Row(cut_out, {"shader": "nolight", **ALL_LAYERS}, surfaced(color=(0.5, 1.0, 2.001))),
+    "unlit at vertices": Row(
+        far_uvs, {"shader": "nolight", "texture_at": "vertex", "interpolation": "affine"}, PERSPECTIVE
     ),
-    "unlit": row(cut_out, {"shader": "nolight", **ALL_LAYERS}, changed_sheet(color=(0.5, 1.0, 2.001))),
-    "unlit at vertices": row(
-        far_uvs,
-        {"shader": "nolight", "texture_at": "vertex", "interpolation": "affine"},
-        {"interpolation": "perspective"},
+    "unlit scalars": Row(lambda: measured("corners"), {"shader": "nolight", "scalars": "data"}),
+    "painter": Row(glass, {"visibility": "painter", "interpolation": "affine"}, {"visibility": "depth"}),
+    "painter, lines": Row(measured, {"visibility": "painter", "scalars": "data", "samples": 4, **LINES}),
+    "course": Row(lambda: stage(lights=(SPHERE, SPOT)), {"preset": "course", **SHADOWS, **SIZED}, {"shadows": False}),
+    "every sample": Row(
+        lambda: lit_by(SPHERE, SPOT), {"samples": 3, "sample_shading": True, "light_samples": 16}, relit(radius=0.51)
     ),
-    "unlit scalars": row(lambda: measured("corners"), {"shader": "nolight", "scalars": "data"}),
-    "painter": row(glass, {"visibility": "painter", "interpolation": "affine"}, {"visibility": "depth"}),
-    "painter, lines": row(measured, {"visibility": "painter", "scalars": "data", "samples": 4, **LINES}),
-    "course": row(
-        lambda: stage(lights=(SPHERE, SPOT)), {"preset": "course", "shadows": True, **SIZED}, {"shadows": False}
+    "weighted": Row(lambda: glass(background=None), {"samples": 7, **WEIGHTED}, {"resolve": "mean"}),
+    "samples of lines": Row(
+        lambda: glass(environment=AROUND), {"samples": 4, **WEIGHTED, **BACKDROP, **LINES}, {"edges": None}
     ),
-    "every sample": row(
-        lambda: lit_by(SPHERE, SPOT),
-        {"samples": 3, "sample_shading": True, "light_samples": 16},
-        changed_light(radius=0.51),
-    ),
-    "weighted": row(lambda: glass(background=None), {"samples": 7, "resolve": "weighted"}, {"resolve": "mean"}),
-    "samples of lines": row(
-        lambda: glass(environment=AROUND),
-        {"samples": 4, "resolve": "weighted", "background": "environment", **LINES},
-        {"edges": None},
-    ),
-    "samples of scalars": row(
-        lambda: measured("corners"), {"samples": 3, "resolve": "weighted", "scalars": "data", **ALL_LAYERS}
-    ),
-    "samples of shadows": row(glass, {"samples": 3, "sample_shading": True, "shadows": True}, {"shadows": False}),
-    "samples of maps": row(all_maps, {"shader": "pbr", "samples": 4, **TRILINEAR}),
-    "pbr, shadows": row(all_maps, PBR, {"shadows": False}),
-    "pbr, veils": row(lambda: glass(lights=(SPHERE, SUN)), {**PBR, **SIZED}, changed_sheet(opacity=0.81)),
-    "pbr, occlusion": row(surrounded, {**PBR, **OCCLUDED}, {"ambient_occlusion": 5}),
-    "float64": row(lambda: lit_by(SPOT, SPHERE, PANEL), {**DOUBLE, **SIZED}, changed_light(outer_cone=35.001)),
-    "float64, holes": row(cut_out, {**DOUBLE, **TRILINEAR, **ALL_LAYERS}, {"texture_filter": "bilinear"}),
-    "float64, far coordinates": row(far_uvs, DOUBLE),
-    "float64, scalars and lines": row(measured, {**DOUBLE, "scalars": "data", **LINES}, {"scalars": None}),
-    "float64, weighted glass": row(
-        glass, {**DOUBLE, "samples": 3, "resolve": "weighted"}, changed_sheet(opacity=0.801)
-    ),
-    "float64, course": row(lambda: mixed(camera=PARALLEL), {**DOUBLE, "preset": "course", **ALL_LAYERS}),
-    "float64, glaring": row(glaring, DOUBLE),
-    "float64, maps": row(all_maps, {"shader": "pbr", **DOUBLE}, changed_sheet(pbr=mapped(normal_scale=0.8001))),
-    "float64, shadows": row(glass, {**DOUBLE, "shadows": True}, changed_sheet(opacity=0.801)),
-    "float64, occlusion": row(stage, {**DOUBLE, **OCCLUDED}, {"ambient_occlusion": 5}),
+    "samples of scalars": Row(lambda: measured("corners"), {"samples": 3, **WEIGHTED, "scalars": "data", **ALL_LAYERS}),
+    "samples of shadows": Row(glass, {"samples": 3, "sample_shading": True, **SHADOWS}, {"shadows": False}),
+    "samples of maps": Row(all_maps, {"shader": "pbr", "samples": 4, **TRILINEAR}),
+    "pbr, shadows": Row(all_maps, PBR, {"shadows": False}),
+    "pbr, veils": Row(lambda: glass(lights=(SPHERE, SUN)), {**PBR, **SIZED}, surfaced(opacity=0.81)),
+    "pbr, occlusion": Row(surrounded, {**PBR, **OCCLUDED}, {"ambient_occlusion": 5}),
+    "float64": Row(lambda: lit_by(SPOT, SPHERE, PANEL), {**DOUBLE, **SIZED}, relit(outer_cone=35.001)),
+    "float64, holes": Row(cut_out, {**DOUBLE, **TRILINEAR, **ALL_LAYERS}, {"texture_filter": "bilinear"}),
+    "float64, far coordinates": Row(far_uvs, DOUBLE),
+    "float64, scalars and lines": Row(measured, {**DOUBLE, "scalars": "data", **LINES}, {"scalars": None}),
+    "float64, weighted glass": Row(glass, {**DOUBLE, "samples": 3, **WEIGHTED}, surfaced(opacity=0.801)),
+    "float64, course": Row(lambda: mixed(camera=PARALLEL), {**DOUBLE, "preset": "course", **ALL_LAYERS}),
+    "float64, glaring": Row(glaring, DOUBLE),
+    "float64, maps": Row(all_maps, {"shader": "pbr", **DOUBLE}, surfaced(pbr=mapped(normal_scale=0.8001))),
+    "float64, shadows": Row(glass, {**DOUBLE, **SHADOWS}, surfaced(opacity=0.801)),
+    "float64, occlusion": Row(stage, {**DOUBLE, **OCCLUDED}, {"ambient_occlusion": 5}),
 }
 ROWS = {**EVERY_DAY, **LONG}
 
 
-def sheet_of(shader: str = "pbr", **fields: Any) -> Row:
-    return row(lambda: mapped_scene(sheet(**fields)), {"shader": shader, "layers": ("Z", "id", "N")})
+def sheet_of(**fields: Any) -> Row:
+    return Row(lambda: mapped_scene(sheet(**fields)), {"shader": "pbr", "layers": ("Z", "id", "N")})
 
 
 def with_maps(**changes: Any) -> Row:
@@ -347,7 +313,7 @@ def around(environment: Environment) -> Row:
     """Return a row with a mirror and matt and glossy surfaces in an environment."""
     looks = [facets(metallic=1.0, roughness=0.0), facets(metallic=0.0, roughness=1.0), facets(roughness=0.1249999)]
     sheets = [sheet(shift=(0.7 * k - 0.7, 0.3 * k, 0.3 * k), material=look) for k, look in enumerate(looks)]
-    return row(lambda: mapped_scene(*sheets, environment=environment, ambient=0.0), {"shader": "pbr"})
+    return Row(lambda: mapped_scene(*sheets, environment=environment, ambient=0.0), {"shader": "pbr"})
 
 
 def textured(image: np.ndarray, wrap: Any = "repeat", **options: Any) -> Row:
@@ -355,38 +321,25 @@ def textured(image: np.ndarray, wrap: Any = "repeat", **options: Any) -> Row:
     rng = np.random.default_rng(5)
     uvs = rng.uniform(-1, 2, (250, 1, 2)) + np.exp2(rng.uniform(-6, 2, (250, 1, 1))) * rng.normal(size=(250, 3, 2))
     material = Material(texture=Texture(image, wrap), n=5.0)
-    return row(lambda: lit_scene(blob(uvs=uvs.reshape(-1, 2), material=material)), {**TRILINEAR, **options})
+    return Row(lambda: lit_scene(blob(uvs=uvs.reshape(-1, 2), material=material)), {**TRILINEAR, **options})
 
 
 def square(uvs: Any, **fields: Any) -> Row:
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     material = Material(texture=texture(**fields))
-    return row(lambda: lit_scene(Mesh(corners, [[0, 1, 2], [0, 2, 3]], uvs=uvs, material=material)), TRILINEAR)
-
-
-def corner_at(value: float) -> Row:
-    """Return a row with a texture coordinate beyond all texels: undefined it counts as 0."""
-    return square([[0, 0], [1, 0], [value, 1], [0, 1]])
-
-
-def bright_texels(**options: Any) -> Row:
-    """Return a row of texels of 1e4 among black ones, near which errors scale with the bright ones."""
-    image = np.zeros((32, 32, 3), np.float32)
-    image[5::9, 7::11] = 1e4
-    return textured(image, **options)
+    return Row(lambda: lit_scene(Mesh(corners, [[0, 1, 2], [0, 2, 3]], uvs=uvs, material=material)), TRILINEAR)
 
 
 def sized(columns: int, rows: int, **options: Any) -> Row:
-    return row(lambda: stage(camera=replace(CAMERA, resolution=(columns, rows))), options)
-
-
-def glaring_crystals() -> Scene:
-    """Return more owners per block than are handled one by one: their corners are gathered."""
-    colors = 10.0 ** np.random.default_rng(1).uniform(-3, 6, (36 * 36, 3))
-    return mapped_scene(sheet(35, colors=colors, uvs=None, more_uvs=(), material=PLAIN))
+    return Row(lambda: stage(camera=replace(CAMERA, resolution=(columns, rows))), options)
 
 
 IMAGE = AROUND.image
+BRIGHT = np.zeros((32, 32, 3), np.float32)  # errors near a bright texel scale with it
+BRIGHT[5::9, 7::11] = 1e4
+# More owners per block than are handled one by one: their corners are gathered.
+GLARE = 10.0 ** np.random.default_rng(1).uniform(-3, 6, (36 * 36, 3))
+GLARING = sheet(35, colors=GLARE, uvs=None, more_uvs=(), material=PLAIN)
 # Values at the limits, in programs of the rows above: against the oracle alone.
 STIFF = {
     "no area of coordinates": sheet_of(uvs=np.zeros((36, 2)), more_uvs=()),
@@ -403,28 +356,25 @@ STIFF = {
     "an environment of one texel": around(Environment(np.full((1, 1, 3), 0.3))),
     "an environment of 1e60": around(Environment(np.full((1, 1, 3), 1e30), intensity=1e30)),
     "an environment of 1e-42": around(Environment(IMAGE * 1e-30, intensity=1e-12)),
-    "a spot far away": row(lambda: lit_by(replace(SPOT, position=(3e29, 1e30, 6e29), intensity=(3e38,) * 3)), {}),
-    "a sphere far away": row(lambda: lit_by(PointLight((1e19, 2e20, 3e20), radius=1e20)), SIZED),
-    "a sharp highlight": row(lambda: stage(replace(PLAIN, n=1e4)), {}),
-    "glaring, gathered": row(glaring_crystals, {}),
+    "a spot far away": Row(lambda: lit_by(replace(SPOT, position=(3e29, 1e30, 6e29), intensity=(3e38,) * 3)), {}),
+    "a sphere far away": Row(lambda: lit_by(PointLight((1e19, 2e20, 3e20), radius=1e20)), SIZED),
+    "a sharp highlight": Row(lambda: stage(replace(PLAIN, n=1e4)), {}),
+    "glaring, gathered": Row(lambda: mapped_scene(GLARING), {}),
     "mipmaps of odd sizes": textured(noise(37, 53), "repeat"),
     "mipmaps of powers of 2": textured(noise(64, 64), "mirror"),
     "mipmaps of a column": textured(noise(9, 1), "clamp"),
     "mipmaps of a row": textured(noise(1, 7), ("repeat", "mirror")),
     "few mipmaps": textured(noise(3, 2), "clamp"),
-    "a coordinate of NaN": corner_at(np.nan),
-    "a coordinate of -inf": corner_at(-np.inf),
-    "a coordinate of 1e30": corner_at(1e30),
-    "a coordinate of 1e300": corner_at(1e300),
+    **{f"a coordinate of {far}": square([[0, 0], [1, 0], [far, 1], [0, 1]]) for far in (np.nan, -np.inf, 1e30, 1e300)},
     "equal huge coordinates": square(np.full((4, 2), 1e30)),
     "equal huge coordinates, mirrored": square(np.full((4, 2), 1e30), wrap="mirror"),
-    "bright texels": bright_texels(),
-    "bright texels, bilinear": bright_texels(texture_filter="bilinear"),
+    "bright texels": textured(BRIGHT),
+    "bright texels, bilinear": textured(BRIGHT, texture_filter="bilinear"),
     "a pixel": sized(1, 1, **LINES),
     "a column": sized(1, 37, samples=4),
     "a row": sized(333, 1),
-    "lines at 60 samples": row(stage, {"samples": 60, **LINES}),
-    "lines cross the near plane": row(lambda: measured(camera=replace(CAMERA, eye=(0.5, -0.9, 1.4))), LINES),
+    "lines at 60 samples": Row(stage, {"samples": 60, **LINES}),
+    "lines cross the near plane": Row(lambda: measured(camera=replace(CAMERA, eye=(0.5, -0.9, 1.4))), LINES),
     "lines in a wide image": sized(333, 24, edges="all"),
     "wide lines": sized(17, 33, edges=Edges("all", width=40)),
     "thin lines": sized(17, 33, edges=Edges("all", width=0.1)),
@@ -437,19 +387,16 @@ OF_OTHER_PROGRAMS = (
     *("samples of scalars", "samples of shadows", "pbr, veils", "float64, scalars and lines"),
 )
 INSTANCED = (
-    "front sides",
-    "glass",
-    "indices of their own",
-    "mixed maps",
-    "unlit",
-    "painter",
-    "float64, weighted glass",
+    *("front sides", "glass", "indices of their own"),
+    *("mixed maps", "unlit", "painter", "float64, weighted glass"),
 )
 
 
-every_row = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in ROWS]
-)
+def marked(*values: Any, long: bool) -> Any:
+    return pytest.param(*values, marks=[pytest.mark.long] * long)
+
+
+every_row = pytest.mark.parametrize("name", [marked(name, long=name in LONG) for name in ROWS])
 
 
 def draw(device: Device, name: str, **options: Any) -> Frame:
@@ -479,11 +426,7 @@ def test_it_equals_the_oracle(device, name):
 
 @pytest.mark.parametrize(
     ("name", "number"),
-    [
-        pytest.param(name, number, marks=[pytest.mark.long] * (name in LONG))
-        for name, line in ROWS.items()
-        for number in range(len(line.wrong))
-    ],
+    [marked(name, k, long=name in LONG) for name, line in ROWS.items() for k in range(len(line.wrong))],
 )
 def test_an_error_is_noticed(device, name, number):
     frame, wrong = drawn(device, name), ROWS[name].wrong[number]
@@ -505,9 +448,7 @@ def test_all_features_forced_change_no_bit(device, name):
     assert different_bits(lean, full) == ""
 
 
-@pytest.mark.parametrize(
-    "name", [*IN_FIRST_PROGRAM, *(pytest.param(name, marks=pytest.mark.long) for name in OF_OTHER_PROGRAMS)]
-)
+@pytest.mark.parametrize("name", [*IN_FIRST_PROGRAM, *(marked(name, long=True) for name in OF_OTHER_PROGRAMS)])
 def test_another_number_of_lanes_changes_no_bit(device, name):
     lanes = 1 if name in EVERY_DAY else 8 if "samples" in ROWS[name].options else 4
     assert different_bits(drawn(device, name), draw(device, name, lanes=lanes)) == ""
@@ -522,18 +463,15 @@ def test_views_in_a_row_and_parts_of_an_image_have_the_same_bits(device, name):
     left, top = 13, 7
     columns, rows = np.array(camera.resolution) - (17, 9)
     cut = np.s_[top : top + rows, left : left + columns]
-    whole = Frame(
-        frame.rgba[cut], {layer: frame[layer][cut] for layer in frame.layers}, frame.scene, frame.settings, dict
-    )
+    layers = {layer: frame[layer][cut] for layer in frame.layers}
+    whole = Frame(frame.rgba[cut], layers, frame.scene, frame.settings, dict)
     with Renderer(frame.scene, settings=frame.settings, device=device) as renderer:
         renderer.render(aside.with_resolution((40, 23)))
         assert different_bits(renderer.render_many([near, camera, aside])[1], frame) == ""
         assert different_bits(renderer.render(part_of(camera, left, top, int(columns), int(rows))), whole) == ""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (k > 2)) for k, name in enumerate(INSTANCED)]
-)
+@pytest.mark.parametrize("name", [marked(name, long=k > 2) for k, name in enumerate(INSTANCED)])
 def test_instances_from_one_copy_of_a_mesh_have_the_same_bits(device, monkeypatch, name):
     needs_float64(device)
     monkeypatch.setattr(triangle_source, "LEAST_COPIES", 0)

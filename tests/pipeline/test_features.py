@@ -11,18 +11,9 @@ from clshade.errors import InputError
 from clshade.pipeline import features
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
+from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight
 from clshade.scene.material import TERMS
-from clshade.scene.model import (
-    DirectionalLight,
-    Environment,
-    Material,
-    Mesh,
-    PointLight,
-    RectangleLight,
-    Scene,
-    Settings,
-    Texture,
-)
+from clshade.scene.model import Environment, Material, Mesh, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))
 LIGHT, SUN = PointLight((1, 2, -3)), DirectionalLight((0, -1, 0))
@@ -39,7 +30,7 @@ CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(tex
 SKY, BLACK = Environment(np.ones((2, 4, 3))), Environment(np.zeros((2, 4, 3)))
 NO_LEVELS, TRILINEAR = "textures of one texel or with the course's lookup", {"texture_filter": "trilinear"}
 NO_POWER = "no specular term: ks is 0"
-NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
+NOLIGHT, UNLIT, AT_VERTEX = "shader nolight", {"shader": "nolight"}, {"texture_at": "vertex"}
 OCCLUDED = {"ambient_occlusion": 4}
 
 
@@ -66,7 +57,7 @@ CASES = [
     (scene(), OCCLUDED, "AMBIENT_OCCLUSION", "no triangle"),
     (scene(COLORED), {"shadows": True}, "SHADOW_ALPHA", "all that casts shadows is opaque"),
     (scene(COLORED), {}, "MATERIALS", "a single material"),
-    (scene(COLORED), {"shader": "nolight"}, "LIT", NOLIGHT),
+    (scene(COLORED), UNLIT, "LIT", NOLIGHT),
     (scene(INDEXED, preset="course"), {}, "NORMAL_INDICES", "a normal per vertex"),
     (scene(COURSE), TRILINEAR, "MIPMAPS", NO_LEVELS),
     (scene(material(opacity=0.5)), {}, "ALPHA_TEST", "no alpha test"),
@@ -87,7 +78,7 @@ def test_the_reason_is_the_one_that_holds(input_scene, fields, name, reason):
 
 
 LIGHTING = "LIT AMBIENT DIFFUSE SPECULAR POWER VERTEX_COLORS"
-UNLIT = {"shader": "nolight"}
+ONE_SIDED = replace(PLAIN, material=Material(sides="front"))
 CLEAR = replace(PLAIN, alphas=[0.5, 1, 1], material=Material(blend=True))
 TURNED = replace(INDEXED, material=Material(two_sided=True, ka=0, ks=0))
 LIT_BY_SKY = scene(COLORED, lights=(), ambient=0, environment=SKY)
@@ -104,11 +95,7 @@ LIT_BY_SKY = scene(COLORED, lights=(), ambient=0, environment=SKY)
         (scene(COURSE, COLORED), UNLIT, "TEXTURED VERTEX_COLORS MATERIALS"),
         (scene(TEXTURED), {**UNLIT, **AT_VERTEX, "layers": ("Z",)}, "OWNERS"),
         (scene(TURNED), {}, "LIT DIFFUSE TWO_SIDED NORMAL_INDICES VERTEX_COLORS"),
-        (
-            scene(CUT, replace(PLAIN, material=Material(sides="front")), background=0.5),
-            UNLIT,
-            "TEXTURED UV_INDICES ALPHA_TEST MATERIALS SIDES BACKGROUND",
-        ),
+        (scene(CUT, ONE_SIDED, background=0.5), UNLIT, "TEXTURED UV_INDICES ALPHA_TEST MATERIALS SIDES BACKGROUND"),
         (scene(CLEAR), UNLIT, "BLEND VERTEX_ALPHA SORTED"),
         (scene(CUT), {**UNLIT, **AT_VERTEX}, "UV_INDICES ALPHA_TEST"),
     ],

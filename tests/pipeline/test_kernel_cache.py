@@ -11,10 +11,11 @@ import random
 import shutil
 import sys
 import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pyopencl as cl
@@ -74,11 +75,8 @@ def make_folder(path: Path) -> None:
 
 
 def test_damage_is_told_once_and_compiled_anew(stored, capsys):
-    damages: list[Callable[[Path], Any]] = [
-        lambda path, text=text: path.write_bytes(text) for text in (b"", b"x\ny\nz")
-    ]
-    damages += [lambda path, place=place: flip(path, place) for place in (0.0, 0.01, 0.5, 1.0)]
-    for damage in (*damages, make_folder):
+    texts = (partial(Path.write_bytes, data=text) for text in (b"", b"x\ny\nz"))
+    for damage in (*texts, *(partial(flip, place=place) for place in (0.0, 0.01, 0.5, 1.0)), make_folder):
         StoredProgram(stored).write(FILES)
         program_store._said.clear()
         damage(stored)
@@ -90,12 +88,8 @@ def test_damage_is_told_once_and_compiled_anew(stored, capsys):
 
 
 def test_a_full_disk_stores_and_marks_nothing(stored, monkeypatch):
-    program = StoredProgram(stored)
+    program, refuse = StoredProgram(stored), Mock(side_effect=OSError(28, "No space left on device"))
     program.read()
-
-    def refuse(*arguments: object, **options: object) -> None:
-        raise OSError(28, "No space left on device")
-
     with monkeypatch.context() as patch:
         patch.setattr(os, "open", refuse)
         patch.setattr(Path, "write_bytes", refuse)

@@ -15,9 +15,8 @@ import pytest
 from processes import ROOT
 
 LIBRARIES = ("/usr/lib/oclgrind/liboclgrind-rt-icd.so", "/usr/lib/x86_64-linux-gnu/oclgrind/liboclgrind-rt-icd.so")
-KERNELS = {
-    name for path in (ROOT / "kernels").glob("*.cl") for name in re.findall(r"\bkernel void (\w+)", path.read_text())
-}
+SOURCES = "\n".join(path.read_text() for path in (ROOT / "kernels").glob("*.cl"))
+KERNELS = set(re.findall(r"\bkernel void (\w+)", SOURCES))
 pytestmark = pytest.mark.long
 
 

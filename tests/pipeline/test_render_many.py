@@ -9,6 +9,7 @@ import gc
 import re
 import tracemalloc
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -55,13 +56,12 @@ def test_frames_that_have_to_be_drawn_again(device):
 
 
 def places(kind: str, shape: tuple[int, ...], dtype: np.dtype, tmp_path) -> np.ndarray:
-    if kind == "aligned":
-        return aligned(shape, dtype)
-    if kind == "hardly aligned":
-        return aligned((int(np.prod(shape)) + 1,), dtype)[1:].reshape(shape)
+    if kind == "memory-mapped":
+        return np.lib.format.open_memmap(tmp_path / f"{len(list(tmp_path.iterdir()))}.npy", "w+", dtype, shape)
     if kind == "every other one":
         return aligned((2 * shape[0], *shape[1:]), dtype)[::-2]
-    return np.lib.format.open_memmap(tmp_path / f"{len(list(tmp_path.iterdir()))}.npy", "w+", dtype, shape)
+    first = int(kind == "hardly aligned")
+    return aligned((int(np.prod(shape)) + first,), dtype)[first:].reshape(shape)
 
 
 @pytest.mark.parametrize("size", [48, 33])  # images of 48 begin at multiples of 64 bytes, of 33 at those of 4
@@ -150,30 +150,19 @@ def shaped(*shape: int, dtype: str = "f4") -> np.ndarray:
     return np.zeros((*shape, SIZE, SIZE), dtype)
 
 
-IDS = shaped(1, dtype="u4")
-NEAR = looking(-4.0)
+IDS, READ_ONLY = shaped(1, dtype="u4"), np.broadcast_to(np.float32(0), (1, SIZE, SIZE))
+NEAR, SMALLER = looking(-4.0), looking(-4.0, 47)
+PARALLEL = replace(NEAR, orthographic=True)
 EXPECTED_Z = "out['Z']: expected an array of shape (1, 48, 48) and type float32, found "
 REFUSED = [
     (NEAR, None, "cameras: expected a sequence of Cameras, found Camera(eye="),
     ([NEAR, 3], None, "cameras[1]: expected a Camera, found 3"),
-    (
-        [NEAR, looking(-4.0, 47)],
-        None,
-        "cameras[1]: expected the resolution of all, (48, 48) as that of cameras[0], found",
-    ),
-    (
-        [NEAR, replace(NEAR, orthographic=True)],
-        None,
-        "cameras[1]: expected a perspective camera, as the scene's, found",
-    ),
+    ([NEAR, SMALLER], None, "cameras[1]: expected the resolution of all, (48, 48) as that of cameras[0], found"),
+    ([NEAR, PARALLEL], None, "cameras[1]: expected a perspective camera, as the scene's, found"),
     ([NEAR], [np.zeros(3)], "out: expected arrays by name, such as {'rgba': array}, found [array([0."),
     ([NEAR], {"depth": 0}, "out: expected names of rgba, Z, id, found 'depth': did you mean 'Z'?"),
     ([NEAR], {"Z": shaped(1, dtype="f8")}, EXPECTED_Z + "an array of shape (1, 48, 48) and type float64"),
-    (
-        [NEAR],
-        {"Z": np.broadcast_to(shaped()[0, 0], (1, SIZE, SIZE))},
-        "out['Z']: expected a writeable array, found a read",
-    ),
+    ([NEAR], {"Z": READ_ONLY}, "out['Z']: expected a writeable array, found a read"),
     ([NEAR], {"id": IDS, "Z": IDS.view(np.float32)}, "out['id']: expected memory of its own, found that of out['Z']"),
 ]
 
@@ -194,9 +183,10 @@ def test_what_float64_or_memory_cannot_hold_is_refused_before_anything_is_drawn(
         monkeypatch.setattr(Stages, "run", None)
         with pytest.raises(InputError, match="expected coordinates whose differences float64 can hold"):
             renderer.render_many([near, far])
-        monkeypatch.setattr(buffers.np, "empty", lambda *_: (_ for _ in ()).throw(MemoryError))
-        line = r"cameras: expected as many as fit in memory, or memory-mapped arrays as out,"
-        with pytest.raises(InputError, match=line):
+        monkeypatch.setattr(buffers.np, "empty", Mock(side_effect=MemoryError))
+        with pytest.raises(
+            InputError, match="cameras: expected as many as fit in memory, or memory-mapped arrays as out,"
+        ):
             renderer.render_many([near])
 
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -14,20 +10,17 @@ from devices import rendered, skip_unsupported
 from golden import GOLDEN, RESOLUTION, digest, draw
 from mesh_writers import spheres
 from oracle_frames import frame_of
-from processes import ROOT
+from processes import ROOT, python
 
 import clshade
 from clshade.pipeline import struct_layout
 from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.opencl import environment
 from clshade.scene.model import Settings
 
 pytestmark = pytest.mark.optimized
 
-TEAPOT, KNOT, ROOM = (
-    ("teapot", "standard", "phong"),
-    ("torus_knot", "standard", "phong"),
-    ("box_room", "standard", "phong"),
-)
+TEAPOT, KNOT, ROOM = ((name, "standard", "phong") for name in ("teapot", "torus_knot", "box_room"))
 CASES = [
     *((key, {}, expected) for key, expected in GOLDEN.items()),
     *((key, {"forced": OPTIONAL}, expected) for key, expected in GOLDEN.items() if key[0] in ("teapot", "course")),
@@ -107,9 +100,9 @@ assert digest(draw(device, *key)) == GOLDEN[key]
 def test_one_thread_gives_the_same_bits(device):
     if "portable computing" not in device.platform.lower():
         pytest.skip("only PoCL lets its number of threads be chosen")
-    environment = {**os.environ, "POCL_CPU_MAX_CU_COUNT": "1", "POCL_MAX_PTHREAD_COUNT": "1"}
-    run = partial(subprocess.run, env=environment, capture_output=True, text=True, timeout=120)
-    done = run([sys.executable, "-c", ONE_THREAD, str(ROOT / "tests" / "support"), device.index])
+    variables = {"POCL_CPU_MAX_CU_COUNT": "1", "POCL_MAX_PTHREAD_COUNT": "1"}
+    support = str(ROOT / "tests" / "support")
+    done = python(ONE_THREAD, environment.cache_home(), support, device.index, timeout=120.0, **variables)
     assert done.returncode == 0, done.stderr
 
 

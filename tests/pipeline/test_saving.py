@@ -48,22 +48,21 @@ def noise(camera: Camera = CAMERA, farthest: float = 9.0, milliseconds: float = 
 @pytest.fixture
 def earlier(tmp_path):
     """Write two earlier files, which must stay unchanged and alone in their folder."""
-    for name in ("a.exr", "a.png"):
-        (tmp_path / name).write_text(f"earlier {name}")
+    texts = {"a.exr": "an earlier image", "a.png": "and its picture"}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
     yield tmp_path / "a"
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
-        name: f"earlier {name}" for name in ("a.exr", "a.png")
-    }
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == texts
 
 
 def test_names_of_files():
     for name, stem in (("b/a.PNG", "b/a"), ("out.exr.png", "out.exr"), ("a.b", "a.b")):
         assert frame_files.output_paths(name) == (Path(f"{stem}.exr"), Path(f"{stem}.png"))
     for name in ("sub/a.JPEG", "a.exr.hdr", "a.mp4", "-"):
-        line = r"Frame.save: path: expected .* for (a|image).*\.png: other formats are not wr"
-        with pytest.raises(InputError, match=line):
+        with pytest.raises(
+            InputError, match=r"Frame.save: path: expected .* for (a|image).*\.png: other formats are not wr"
+        ):
             frame_files.output_paths(name)
-
     for name in ("", "/", "sub/.."):
         with pytest.raises(InputError, match=r"Frame\.save: path: expected a file name"):
             frame_files.output_paths(name)
@@ -115,10 +114,7 @@ def test_a_png_that_does_not_fit(earlier):
         (9.0, {"depth_scale": 0}, "Frame.save: depth_scale: expected a finite number above 0, found 0"),
         (9.0, {"depth_scale": 20.0}, "depth_scale: expected steps.*found 20.0"),
         (9.0, {"files": ("exr", "depht")}, r"Frame.save: files: .*did you mean 'depth'\?"),
-        *(
-            (9.0, {"files": f}, "Frame.save: files: expected (one|some) of exr, png, npz, depth")
-            for f in ((), "npz", 3)
-        ),
+        *((9.0, {"files": files}, "Frame.save: files: expected (one|some) of exr, png") for files in ((), "npz", 3)),
     ],
 )
 def test_refused_options(earlier, farthest, options, line):

@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from devices import rendered
+from layer_scenes import square
 from matplotlib import colormaps
 
 from clshade import Camera, Material, Mesh, PointLight, Scalars, Scene, Settings, Texture, exr
@@ -18,31 +19,24 @@ from clshade.pipeline.gather import map_positions
 from clshade.pipeline.struct_layout import MOST_POSITION
 from clshade.scene.scalar_colors import ColorMap
 
-SQUARE = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-HALVES = np.array([[0, 1, 2], [0, 2, 3]])
 FRONT = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 2.0, (1.0, 1.0), (64, 64), orthographic=False)
 ASIDE = Camera((2, 1, 3), (0, 0, 0), (0, 1, 0), 1.4, (0.75, 1.0), (48, 36))
 LIGHT = PointLight((2, 3, 4))
 
 
-def square(values, **fields) -> Mesh:
-    return Mesh(SQUARE, HALVES, scalars={"data": values}, **fields)
-
-
-def wave(values=None, **fields) -> Mesh:
-    """A curved sheet of 8 x 8 cells; its scalars are its heights unless given by a function of vertices and faces."""
+def wave() -> Mesh:
+    """A curved sheet of 8 x 8 cells; its scalars are its heights."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9)))
     verts = np.stack([x, y, 0.3 * np.sin(4 * x + y)], axis=1).astype(np.float32)
     corner = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([corner[:, None] + [0, 1, 10], corner[:, None] + [0, 10, 9]])
-    data = verts[:, 2] if values is None else values(verts, faces)
-    return Mesh(verts, faces, scalars={"data": data}, **fields)
+    return Mesh(verts, faces, scalars={"data": verts[:, 2]})
 
 
 def floor() -> Mesh:
     """A textured mesh without scalars."""
     texture = Texture(np.random.default_rng(1).random((4, 4, 3)))
-    return Mesh(SQUARE * 1.5 - np.float32([0, 0, 0.6]), HALVES, uvs=SQUARE[:, :2], material=Material(texture=texture))
+    return square(1.5, -0.6, uvs=square().verts[:, :2], material=Material(texture=texture))
 
 
 def drawn(device, scene: Scene, **options) -> Frame:
@@ -51,7 +45,7 @@ def drawn(device, scene: Scene, **options) -> Frame:
 
 def test_a_step_is_sharp_within_a_triangle(device):
     """Two colors of a map meet where the scalar crosses its middle: the number is interpolated, never the color."""
-    scene = Scene(square([-1.0, 1.0, 1.0, -1.0]), FRONT)
+    scene = Scene(square(scalars={"data": [-1.0, 1.0, 1.0, -1.0]}), FRONT)
     frame = drawn(device, scene, scalars=Scalars("data", ("black", "white")), shader="nolight")
     covered = frame.alpha > 0
     x = np.broadcast_to((np.arange(64) + 0.5) / 64 * 2 - 1, (64, 64))
@@ -62,7 +56,7 @@ def test_a_step_is_sharp_within_a_triangle(device):
 
 def test_an_unlit_png_shows_the_maps_colors(device):
     values = np.array([0.25, 3.0])
-    scene, scalars = Scene(square(values), FRONT), Scalars("data", "viridis", (0, 4))
+    scene, scalars = Scene(square(scalars={"data": values}), FRONT), Scalars("data", "viridis", (0, 4))
     frame = drawn(device, scene, shader="nolight", scalars=scalars)
     table = colormaps["viridis"](np.floor(values / 4 * 256).astype(int))[:, :3]
     codes = frame.to_png8()[frame["id"] == 1][0], frame.to_png8()[frame["id"] == 2][0]
@@ -73,12 +67,10 @@ def test_a_color_of_the_map_is_lit_as_any_other(device):
     """A map of one color, and the same mesh in that color: the same bits."""
     white, red = wave(), replace(wave(), scalars=None, colors=np.tile([1.0, 0.0, 0.0], (81, 1)))
     scalars = Scalars("data", ["red"])
-    mapped = drawn(device, Scene(white, ASIDE, LIGHT), scalars=scalars)
-    plain = drawn(device, Scene(red, ASIDE, LIGHT), scalars=None)
-    assert np.array_equal(mapped.rgba.view("u4"), plain.rgba.view("u4"))
     changed = replace(white, material=Material(color=(0, 1, 0)), colors=np.full((81, 3), 0.3))
-    again = drawn(device, Scene(changed, ASIDE, LIGHT), scalars=scalars)
-    assert np.array_equal(mapped.rgba.view("u4"), again.rgba.view("u4"))
+    mapped, again = (drawn(device, Scene(mesh, ASIDE, LIGHT), scalars=scalars) for mesh in (white, changed))
+    for other in (drawn(device, Scene(red, ASIDE, LIGHT), scalars=None), again):
+        assert np.array_equal(mapped.rgba.view("u4"), other.rgba.view("u4"))
 
 
 EXTREMES = [(1.0, 1e30), (1e9, 1e9 + 1e-3), (5e-324, 1e-310), (-1.7e308, 1.7e308), (0.5, 0.5), (0.0, 1e-300)]
@@ -114,13 +106,12 @@ def test_whole_numbers_of_colors_are_exact():
 
 
 def test_a_map_without_width_separates_what_is_below_and_above(device):
-    scene = Scene(square([0.5, 0.5 + 1e-9, 0.5 + 1e-9, 0.5]), FRONT)
-    frame = drawn(device, scene, scalars=Scalars("data", ("black", "red"), (0.5, 0.5)), shader="nolight")
-    assert (frame.rgb[8:-8, 8:-8] == np.float32([1, 0, 0])).all()
-    same = drawn(
-        device, Scene(square(np.full(4, 0.5)), FRONT), scalars=Scalars("data", ("lime", "red")), shader="nolight"
-    )
-    assert (same.rgb[8:-8, 8:-8] == np.float32([0, 1, 0])).all()
+    for values, scalars, color in (
+        ([0.5, 0.5 + 1e-9, 0.5 + 1e-9, 0.5], Scalars("data", ("black", "red"), (0.5, 0.5)), [1, 0, 0]),
+        (np.full(4, 0.5), Scalars("data", ("lime", "red")), [0, 1, 0]),
+    ):
+        frame = drawn(device, Scene(square(scalars={"data": values}), FRONT), scalars=scalars, shader="nolight")
+        assert (frame.rgb[8:-8, 8:-8] == np.float32(color)).all()
 
 
 @pytest.mark.parametrize("size", [(48, 36), (3, 2), (40, 300)])

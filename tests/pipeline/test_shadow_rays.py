@@ -1,27 +1,20 @@
-"""Shadow rays through the hierarchy of casters, to one light or in fans, against all triangles one by one."""
+"""Shadow rays through the hierarchy of casters, to one light or in fans, against all triangles one by one; its tree."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
-from caster_meshes import (
-    Mesh,
-    border_points,
-    box,
-    crumpled,
-    joined,
-    lattice,
-    moved,
-    random_points,
-    slivers,
-    soup,
-    sphere,
-)
+from caster_meshes import Mesh, border_points, box, crumpled, face_points, joined, lattice, moved, slivers, soup, sphere
 from kernel_stages import LANES
 from shadow_rays import hidden, one_by_one
 
-from clshade.pipeline.hierarchy import Hierarchy
-from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
+from clshade.oracle.transform import unit
+from clshade.pipeline import hierarchy as hierarchy_module
+from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
+from clshade.pipeline.launches import Stages
+from clshade.pipeline.struct_layout import HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
 MANY = 32  # ends of a fan
@@ -52,13 +45,7 @@ MESHES = {
 each_mesh = pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 
 
-def neighbors(mesh: Mesh, count: int) -> tuple[Array, Array]:
-    """Return points of which 16 in sequence lie on a face."""
-    rng = np.random.default_rng(3)
-    vertices, faces = mesh
-    chosen = np.repeat(rng.integers(0, len(faces), count // 16), 16)
-    weights = rng.dirichlet([1.0, 1.0, 1.0], len(chosen))
-    return (vertices[faces[chosen]] * weights[:, :, None]).sum(axis=1), chosen
+neighbors = partial(face_points, seed=3, together=16)
 
 
 def lights_for(mesh: Mesh) -> list[Array]:
@@ -75,10 +62,6 @@ def lights_for(mesh: Mesh) -> list[Array]:
     return [np.array(light) for light in lights]
 
 
-def unit(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
 def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> list[tuple[Array, bool]]:
     """Return points (K, MANY, 3) of all kinds: of small lights and large, near and far, and where signs are hard to tell;
     and directions, which are said to be."""
@@ -87,7 +70,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> list[tup
     center, shape = mesh[0].mean(axis=0), (len(points), MANY, 3)
     ball = unit(rng.normal(size=shape)) * rng.random((*shape[:2], 1)) ** (1 / 3)
     a, b, c = np.moveaxis(corners[receivers], 1, 0)
-    normals = np.nan_to_num(unit(np.cross(b - a, c - a)))[:, None]
+    normals = unit(np.cross(b - a, c - a))[:, None]
     u, v = rng.normal(size=(2, *shape[:2], 1))
     in_own_plane = u * (b - a)[:, None] + v * (c - a)[:, None]
     one = corners[rng.integers(0, len(corners), len(points))]
@@ -122,7 +105,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> list[tup
 def test_rays_to_a_light_are_the_same_as_one_by_one(device, mesh):
     hierarchy = Hierarchy(device, *mesh)
     for light in lights_for(mesh):
-        for points in (random_points(mesh, 1600), border_points(mesh, 800), neighbors(mesh, 1600)):
+        for points in (face_points(mesh, 1600), border_points(mesh, 800), neighbors(mesh, 1600)):
             in_shadow = hierarchy.shadowed(*points, light)
             wrong = np.flatnonzero(in_shadow != one_by_one(device, hierarchy, *points, light))
             assert not len(wrong), (light, wrong[:9], in_shadow[wrong[:9]])
@@ -132,12 +115,10 @@ def test_rays_to_a_light_are_the_same_as_one_by_one(device, mesh):
 @pytest.mark.parametrize("offset", [0.0, 1e9])
 @each_mesh
 def test_fans_are_the_same_as_one_by_one(device, mesh, offset):
-    mesh = (
-        (mesh[0] + offset) - offset,
-        mesh[1],
-    )  # as coarse as it is so far from the origin; points on it are no coarser
+    # As coarse as it is so far from the origin; points on it are no coarser.
+    mesh = (mesh[0] + offset) - offset, mesh[1]
     hierarchy, shares = Hierarchy(device, *mesh), []
-    for seed, (points, receivers) in enumerate((random_points(mesh, 48), border_points(mesh, 32))):
+    for seed, (points, receivers) in enumerate((face_points(mesh, 48), border_points(mesh, 32))):
         for ends in ends_for(mesh, points, receivers, seed):
             fans = device, hierarchy, points, receivers, *ends
             is_hidden = hidden(*fans)
@@ -154,7 +135,7 @@ def test_rays_of_any_number_of_lanes(device, lanes):
         hierarchies = [Hierarchy(device, *mesh, lanes=count) for count in (16, lanes)]
         for light in lights_for(mesh):
             assert np.array_equal(*(every.shadowed(*neighbors(mesh, 3200), light) for every in hierarchies))
-        points, receivers = random_points(mesh, 50)
+        points, receivers = face_points(mesh, 50)
         for ends in ends_for(mesh, points, receivers, 5):
             fans = device, hierarchies[0], points, receivers, *ends
             assert np.array_equal(*(hidden(*fans, lanes=count) for count in (16, lanes)))
@@ -229,7 +210,7 @@ def test_fans_are_the_same_as_lights_by_themselves(device):
     """A fan's points one by one, as positions of point lights that are multiples of the grid."""
     mesh = MESHES["closed"]
     hierarchy = Hierarchy(device, *mesh)
-    points, receivers = random_points(mesh, 200)
+    points, receivers = face_points(mesh, 200)
     grid = SHADOW_GRID / hierarchy.frame.unit
     lights = np.random.default_rng(9).normal(size=(16, 3)) * [0.3, 0.3, 0.1] + [0.5, 0.2, 4.0]
     lights = np.rint((lights - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
@@ -243,14 +224,13 @@ def test_what_is_at_the_receiver_reaches_it(device):
     """A light, and the ends of fans, wherever the others are; also where triangles pass less than their bound from it."""
     floor = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
     heights = np.arange(-12, 13) * SHADOW_GRID / 2.0**14
-    layers = [(floor + [0, 0, z], np.array([[0, 1, 2]])) for z in heights]
-    hierarchy = Hierarchy(device, *joined(*layers))
+    hierarchy = Hierarchy(device, *joined(*[(floor + [0, 0, z], np.array([[0, 1, 2]])) for z in heights]))
     for k, z in enumerate(heights):
         for receiver in (k, 12):
             point = np.array([0.1, -0.2, z])
             assert not hierarchy.shadowed(point[None], np.array([receiver]), np.array([*point, 1.0])).any()
     mesh = soup(40)
-    points, receivers = random_points(mesh, 32)
+    points, receivers = face_points(mesh, 32)
     hierarchy = Hierarchy(device, *mesh)
     grid = SHADOW_GRID / hierarchy.frame.unit
     points = np.rint((points - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
@@ -263,7 +243,7 @@ def test_what_is_at_the_receiver_reaches_it(device):
 
 def test_neighbors_in_the_same_plane_cast_nothing(device):
     mesh = lattice(30)
-    points, receivers = random_points(mesh, 400)
+    points, receivers = face_points(mesh, 400)
     ends = np.random.default_rng(3).normal(size=(400, 16, 3)) + [0.0, 0.0, 1.5]
     assert not hidden(device, Hierarchy(device, *mesh), points, receivers, ends).any()
 
@@ -278,3 +258,116 @@ def test_the_ends_of_a_segment(device):
     is_hidden = hidden(device, hierarchy, np.zeros((1, 3)), np.array([0]), ends[None])
     assert is_hidden[0].tolist() == [False] * 4 + [True] * 5
     assert hierarchy.frame.unit * 1e20 > SHADOW_REACH
+
+
+# The hierarchy of casters: its tree, its order, and the frame of its coordinates
+
+
+def leaves_of(hierarchy: Hierarchy) -> tuple[Array, Array]:
+    """Return corners (L, 16, 3, 3) and faces (L, 16) of the leaves."""
+    rows = hierarchy.leaves.to_host().reshape(-1, 10, 16)
+    return rows[:, :9].transpose(0, 2, 1).reshape(-1, 16, 3, 3), np.ascontiguousarray(rows[:, 9]).view(np.int32)
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 256, 257, 4096, 4097])
+def test_tree(device, count):
+    """Every triangle is in one leaf, every box is that of what lies below."""
+    mesh = soup(count)
+    hierarchy = Hierarchy(device, *mesh)
+    corners, faces = leaves_of(hierarchy)
+    assert np.array_equal(np.unique(faces), np.arange(count))
+    assert len(faces) == -(-count // 16)
+    assert np.array_equal(corners, hierarchy.vertices.array[:, 0, :3][mesh[1]][faces])
+    table = hierarchy.casters.array[0]
+    boxes = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
+    for level in range(table["levels"]):
+        first, size = table["first_node"][level], -(-len(boxes) // 16)
+        nodes = hierarchy.nodes.array[first : first + size].reshape(-1, 2, 3, 16).transpose(0, 3, 1, 2)
+        children = nodes.reshape(-1, 2, 3)
+        assert np.array_equal(children[: len(boxes)], boxes)
+        assert (children[len(boxes) :, 0] > children[len(boxes) :, 1]).all()
+        boxes = np.stack([nodes[:, :, 0].min(axis=1), nodes[:, :, 1].max(axis=1)], axis=1)
+    assert len(boxes) == 1
+
+
+def overlap(lower: Array, upper: Array) -> float:
+    """Return by how much two sets of points (K, 3) overlap along the axis where they do least, as a share of both."""
+    return float(((lower.max(axis=0) - upper.min(axis=0)) / np.ptp(np.concatenate([lower, upper]), axis=0)).min())
+
+
+@pytest.mark.parametrize("count", [17, 300, 4096, 9000])
+def test_runs_are_halved_down_to_the_leaves(device, monkeypatch, count):
+    """What each part puts first lies before the rest along some axis, but for what is within one of 64 steps. Parts begin
+    with whole leaves, and above 256 triangles with whole nodes."""
+    monkeypatch.setattr(hierarchy_module, "_TOGETHER", 4096)  # several launches
+    mesh = soup(count)
+    centroids = mesh[0][mesh[1]].mean(axis=1)[leaves_of(Hierarchy(device, *mesh))[1].reshape(-1)[:count]]
+
+    def check(points: Array) -> None:
+        if len(points) > 16:
+            unit = 256 if len(points) > 256 else 16
+            first = -(-len(points) // (2 * unit)) * unit
+            assert overlap(points[:first], points[first:]) <= 1 / 64
+            check(points[:first])
+            check(points[first:])
+
+    for start in range(0, count, HIERARCHY_RUN):
+        check(centroids[start : start + HIERARCHY_RUN])
+
+
+def test_neighbors_along_the_curve(device, monkeypatch):
+    """Of triangles one per cell, in the order before that of runs, each lies in a cell next to that of the one before."""
+    run = Stages.run
+    monkeypatch.setattr(
+        Stages, "run", lambda self, name, *rest, **extra: name == "hierarchy_runs" or run(self, name, *rest, **extra)
+    )
+    cells = np.stack(np.meshgrid(*[np.arange(16)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    small = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.1]]) + 0.45
+    vertices = (cells[:, None] + small).reshape(-1, 3)
+    end = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]]) + 0.001  # the frame is as large as all cells
+    ends = np.concatenate([end, 16.0 - end])
+    mesh = np.concatenate([vertices, ends]), np.arange(len(vertices) + len(ends)).reshape(-1, 3)
+    faces = leaves_of(Hierarchy(device, *mesh))[1].reshape(-1)
+    along = cells[faces[(faces < len(cells)) & (np.arange(len(faces)) < len(mesh[1]))]]
+    assert len(along) == 4096
+    assert (np.abs(np.diff(along, axis=0)).sum(axis=1) == 1).all()
+
+
+def test_indices_of_many_bits(device, monkeypatch):
+    """As many as so many faces need: the curve is then coarser, and the same triangles cast the same shadows."""
+    mesh = crumpled(16)
+    expected = Hierarchy(device, *mesh)
+    assert [hierarchy_module._index_bits(count) for count in (0, 2**26, 2**26 + 1, 2**29)] == [26, 26, 27, 29]
+    monkeypatch.setattr(hierarchy_module, "_index_bits", lambda count: 40)
+    hierarchy = Hierarchy(device, *mesh)
+    corners, faces = leaves_of(hierarchy)
+    assert np.array_equal(np.unique(faces), np.arange(len(mesh[1])))
+    assert np.array_equal(corners, hierarchy.vertices.array[:, 0, :3][mesh[1]][faces])
+    assert not np.array_equal(faces, leaves_of(expected)[1])
+    rays = *face_points(mesh, 1600), np.array([0.3, -0.2, 0.4, 1.0])
+    assert np.array_equal(hierarchy.shadowed(*rays), expected.shadowed(*rays))
+
+
+def test_triangles_that_cast_nothing(device):
+    """Those with two equal corners or one that is not finite are left out, the others stay; none may be left."""
+    vertices, faces = box()
+    vertices = np.concatenate([vertices, [[np.nan, 0, 0], [0, np.inf, 0]]])
+    faces = np.concatenate([faces, [[0, 1, 8], [9, 2, 3], [0, 0, 1], [1, 2, 1]]])
+    hierarchy = Hierarchy(device, vertices, faces)
+    assert np.array_equal(np.unique(leaves_of(hierarchy)[1]), np.arange(12))
+    point, light = np.array([[0.0, 0.0, -1.0]]), np.array([0.0, 0.0, 3.0, 1.0])
+    assert hierarchy.shadowed(point, [0], light).all()
+    assert not Hierarchy(device, vertices[:8], faces[-1:]).shadowed(point, [0], light).any()
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e9])
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+def test_frame(offset, scale):
+    """Coordinates fill the range, and are within half a unit of the grid of what they stand for."""
+    vertices = (np.random.default_rng(5).normal(size=(100, 3)) * [1.0, 0.1, 0.01] + offset) * scale
+    frame = CasterFrame.around(vertices)
+    pairs = frame.pairs(vertices).astype(np.float64)
+    coordinates = pairs[:, :3] + pairs[:, 3:]
+    assert SHADOW_REACH / 2 <= np.abs(coordinates).max() <= SHADOW_REACH
+    assert np.array_equal(coordinates * 2.0**31, np.rint(coordinates * 2.0**31))
+    assert np.abs(coordinates - (vertices - frame.origin) * frame.unit).max() <= 2.0**-32

@@ -1,30 +1,29 @@
-"""What casters let pass of a light, in closed form: one by one, in any order, opaque or not."""
+"""What casters let pass of a light, in closed form: one by one, in any order, opaque or not; and ambient occlusion."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
+import layer_scenes
 import numpy as np
 import pytest
-from caster_meshes import sphere
+from caster_meshes import box, sphere
 from devices import rendered, skip_unsupported
 
+from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
 from clshade.scene.model import Light, Material, Mesh, PointLight, RectangleLight, Scene, Texture
 
 CAMERA = Camera((0.2, -9.0, 7.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0, (1.2, 1.2), (48, 48))
 LIGHT = PointLight((0.0, 0.0, 10.0), (1.0, 1.0, 1.0))
-SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
-UVS = (SQUARE + 1.0) / 2.0
+UVS = (layer_scenes.square().verts[:, :2] + 1.0) / 2.0
 
 
 def square(z: float, half: float = 1.0, **fields: Any) -> Mesh:
     """Return a square of two triangles, parallel to the floor. fields: of its material."""
     more = {name: fields.pop(name) for name in ("alphas", "uvs") if name in fields}
-    verts = np.concatenate([half * SQUARE, np.full((4, 1), z)], axis=1)
-    material = Material(ka=0.1, kd=0.8, ks=0.0, two_sided=True, **fields)
-    return Mesh(verts, np.array([[0, 1, 2], [0, 2, 3]]), material=material, **more)
+    return layer_scenes.square(half, z, material=Material(ka=0.1, kd=0.8, ks=0.0, two_sided=True, **fields), **more)
 
 
 def card(z: float = 3.0, **fields: Any) -> Mesh:
@@ -43,13 +42,9 @@ def holed() -> Texture:
     return Texture(image, name="holed")
 
 
-def scene_of(*cards: Mesh, light: Light = LIGHT) -> Scene:
-    return Scene((square(0.0, 4.0), *cards), CAMERA, (light,), np.zeros(3), (0.0, 0.0, 0.0))
-
-
 def draw(device, *cards: Mesh, light: Light = LIGHT, **options: Any):
-    arguments = {"layers": ("Z", "P", "id"), "shadows": True, "samples": 1, **options}
-    return rendered(scene_of(*cards, light=light), device=device, **arguments)
+    scene = Scene((square(0.0, 4.0), *cards), CAMERA, (light,), np.zeros(3), (0.0, 0.0, 0.0))
+    return rendered(scene, device=device, **{"layers": ("Z", "P", "id"), "shadows": True, "samples": 1, **options})
 
 
 def shares(device, *cards: Mesh, **options: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -146,3 +141,81 @@ def test_a_card_halves_each_point_of_a_light_of_finite_size(opened, light):
     assert (share[inside(place, 1.0 - PENUMBRA)] == 0.5).all()
     assert (share[outside(place, 1.0 + PENUMBRA)] == 1.0).all()
     assert ((share > 0.51) & (share < 0.99)).sum() > 10  # some points of the light shine past the card
+
+
+# Ambient occlusion
+
+
+GRAY = Material(ka=(0.5, 0.6, 0.7), kd=0.4, ks=0.2, n=9.0)
+ABOVE = Camera((0.0, 6.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0, (1.0, 1.0), (24, 24))
+
+
+def quad(corners: Any) -> Mesh:
+    return Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=GRAY)
+
+
+def floor(half: float = 4.0) -> Mesh:
+    return quad([[-half, 0, -half], [-half, 0, half], [half, 0, half], [half, 0, -half]])
+
+
+def closed(mesh: tuple[np.ndarray, np.ndarray], up: float = 0.0, scale: float = 1.0) -> Mesh:
+    verts, faces = mesh
+    return Mesh(scale * verts[:, [1, 2, 0]] + [0.0, up, 0.0], faces, material=GRAY)
+
+
+def draw_occlusion(device, *meshes: Mesh, camera: Camera, **options: Any) -> Frame:
+    scene = Scene(meshes, camera, (), ambient=(1.0, 0.9, 0.8), background=0.1)
+    return rendered(scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options})
+
+
+def test_a_closed_box_is_dark_inside(device):
+    """Its diagonal is 3.46 long."""
+    camera = replace(ABOVE, eye=(0.3, 0.2, 0.5), lookat=(0.9, -0.8, -0.9), focal=0.5)
+    frame = draw_occlusion(device, closed(box()), camera=camera, ao_distance=3.5, ambient_occlusion=9)
+    assert (frame["id"] > 0).all()
+    assert not frame["AO"].any()
+    assert not frame.rgb.any()
+    assert (draw_occlusion(device, closed(box()), camera=camera, ao_distance=1e-30)["AO"] == 1.0).all()
+
+
+def beside_a_wall(device, rays: int, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the layer on a floor to the right of an endless wall at x = 0, and distances from it."""
+    camera = replace(ABOVE, eye=(1.2, 3.0, 0.0), lookat=(1.2, 0.0, 0.0), plane=(0.7, 0.7))
+    wall = quad([[0, 0, -4000], [0, 0, 4000], [0, 0.8, 4000], [0, 0.8, -4000]])
+    frame = draw_occlusion(device, floor(5000.0), wall, camera=camera, ambient_occlusion=rays, **options)
+    on_floor = (frame["id"] <= 2) & (frame["id"] > 0)
+    return frame["AO"][on_floor], frame["P"][on_floor][:, 0]
+
+
+def test_beside_a_wall_the_form_factor_is_missing(device):
+    """A strip of height h at right angles, a away, has the form factor (1 - a/sqrt(a^2 + h^2))/2: the projection of its
+    arc to the floor, by Nusselt's analog. The mean over the pixels, whose rays are shifted evenly, converges to it."""
+    mean_errors, errors = {}, {}
+    for rays in (4, 64):
+        openness, a = beside_a_wall(device, rays, ao_distance=1e5)
+        missing = openness - (1.0 - 0.5 * (1.0 - a / np.hypot(a, 0.8)))
+        mean_errors[rays], errors[rays] = abs(missing.mean()), np.sqrt((missing**2).mean())
+    assert mean_errors[4] < 0.01
+    assert mean_errors[64] < 1e-3
+    assert errors[4] < 0.15
+    assert errors[64] < 0.02
+
+
+def test_what_is_farther_away_does_not_count(device):
+    openness, a = beside_a_wall(device, 16, ao_distance=0.5)
+    assert (openness[a > 0.5] == 1.0).all()
+    assert (openness[(a > 0.0) & (a < 0.2)] < 0.9).all()
+
+
+def test_of_a_sphere_on_a_plane_the_form_factor_is_missing(device):
+    """A sphere of radius r whose center is d away from a point, at an angle t to the normal above the horizon, has the form
+    factor (r/d)^2 cos t."""
+    ball = closed(sphere(24, 48), 0.5 + 1e-6, 0.5)
+    camera = replace(ABOVE, eye=(2.0, 2.0, 0.0), lookat=(1.4, 0.0, 0.0))
+    frame = draw_occlusion(device, floor(), ball, camera=camera, ambient_occlusion=64, ao_distance=100.0)
+    seen = (frame["id"] > 0) & (frame["id"] <= 2)
+    to_center = np.array([0.0, 0.5, 0.0]) - frame["P"][seen]
+    distance = np.linalg.norm(to_center, axis=1)
+    missing = (frame["AO"][seen] - (1.0 - (0.5 / distance) ** 2 * to_center[:, 1] / distance)).mean()
+    assert seen.sum() > 300
+    assert abs(missing) < 2e-3  # the mesh lies within the sphere

@@ -1,10 +1,14 @@
-"""Textures: nearest texels, coordinates far outside the image and by planes, levels of detail, and maps of shader pbr."""
+"""Textures: nearest texels, far coordinates, coordinates by planes, levels of detail, mipmaps, and maps of shader pbr."""
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
+import weakref
 from dataclasses import replace
 from typing import Any
 
+import layer_scenes
 import mpmath
 import numpy as np
 import oracle_asserts
@@ -19,13 +23,12 @@ from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Setting
 from clshade.errors import InputError
 from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
+from clshade.pipeline import struct_layout
 from clshade.pipeline.features import ignored
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.shading_tables import smaller_levels, texture_tables
+from clshade.pipeline.shading_tables import BAND, levels_below, smaller_levels, texture_tables
 from clshade.scene.material import MAPS
 
-CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-QUAD = [[0, 1, 2], [0, 2, 3]]
 UVS = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
 
 
@@ -38,22 +41,7 @@ def square(image: np.ndarray, uvs: np.ndarray = UVS, pixels: int = 36, **materia
     """Return a square that fills the image, lit by nothing."""
     texture = Texture(image, filter="nearest", wrap=material.pop("wrap", "repeat"))
     camera = Camera((0, 0, 3), (0, 0, 0), (0, 1, 0), 3.0, (2.0, 2.0), (pixels, pixels))
-    return Scene(Mesh(CORNERS, QUAD, uvs=uvs, material=Material(texture=texture, **material)), camera, background=None)
-
-
-@pytest.mark.long
-def test_texels_are_squares(device):
-    image = noise(4, 3)
-    frame = clshade.render(square(image, pixels=36), shader="nolight", device=device)
-    assert np.array_equal(frame.rgb, np.kron(image, np.ones((12, 9, 1), np.float32)))
-
-
-@pytest.mark.long
-def test_alpha_is_that_of_the_nearest_texel(device):
-    image = noise(4, 4, 4)
-    image[..., 3] = np.arange(16).reshape(4, 4) % 3 / 2
-    frame = clshade.render(square(image, alpha_cutoff=0.5), shader="nolight", device=device)
-    assert np.array_equal(frame.alpha, np.kron(image[..., 3] >= 0.5, np.ones((9, 9), np.float32)))
+    return Scene(layer_scenes.square(uvs=uvs, material=Material(texture=texture, **material)), camera, background=None)
 
 
 def test_pixel_centers_on_edges_are_gates(device):
@@ -89,46 +77,42 @@ def test_colors_of_whole_numbers():
         assert np.array_equal(Mesh(np.eye(3), [[0, 1, 2]], colors=plain).colors, np.float64(plain))
 
 
-FAR_CAMERA = Camera.from_fov((0, 0, 3), (0, 0, 0), (0, 1, 0), 45, (61, 47))
-
-
-def far(reach: float) -> np.ndarray:
-    """Return random coordinates (12, 3, 2) from -reach to reach."""
-    return np.random.default_rng(2).uniform(-reach, reach, (12, 3, 2))
-
-
 @pytest.mark.parametrize("exponent", [24, 26, 32, 39])
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_as_far_as_coordinates_go(device, exponent, wrap):
     """From 2^24 on float32 has no fractions: only the low parts hold them. At 2^39 they are accurate to 2^-9."""
     material = Material(texture=Texture(np.random.default_rng(5).random((8, 4, 3)), wrap))
     verts, faces = np.random.default_rng(1).uniform(-1, 1, (36, 3)), np.arange(36).reshape(-1, 3)
-    scene = Scene(Mesh(verts, faces, uvs=far(2.0**exponent).reshape(-1, 2), material=material), FAR_CAMERA)
+    uvs = np.random.default_rng(2).uniform(-1, 1, (36, 2)) * 2.0**exponent
+    camera = Camera.from_fov((0, 0, 3), (0, 0, 0), (0, 1, 0), 45, (61, 47))
+    scene = Scene(Mesh(verts, faces, uvs=uvs, material=material), camera)
     report = clshade.check(rendered(scene, device=device, shader="nolight", layers=("Z", "id", "uv", "albedo")), "all")
     assert report.passed
     assert report.error < 2.0 ** (exponent - 44)
 
 
-def flat_camera(size: int, focal: float) -> Camera:
+def flat_scene(pixels: np.ndarray, z: np.ndarray, uvs: np.ndarray, size: int, focal: float, **material: Any) -> Scene:
+    """Return lit triangles with these corners (3F, 2) in an image of size x size pixels, and depths (3F,)."""
     matrix = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
-    return Camera.from_matrix(matrix, np.eye(4), (size, size))
+    camera = Camera.from_matrix(matrix, np.eye(4), (size, size))
+    verts = np.column_stack([(pixels - size / 2) / focal * z[:, None], z])
+    mesh = Mesh(verts, np.arange(len(z)).reshape(-1, 3), uvs=uvs, material=Material(**material))
+    return Scene(mesh, camera, lights=PointLight((0, 0, 0), (1, 1, 1)))
+
+
+def cells(size: int, side: float, corners: list[tuple[int, int]]) -> np.ndarray:
+    """Return the corners of each cell (K, 6, 2) of an image, in pixels."""
+    x, y = np.meshgrid(*[np.arange(0, size - 1, side)] * 2)
+    return np.stack([x, y], axis=-1).reshape(-1, 1, 2) + side * np.array(corners)
 
 
 def patches(side: float, size: int = 256, focal: float = 300.0) -> Scene:
     """Return triangles of `side` pixels on a wavy sheet, with a noisy texture: from some tiles their corners are farther
     than edge functions of 31 bits allow, from others not."""
-    verts, uvs = [], []
-    for y in np.arange(0, size - 1, side):
-        for x in np.arange(0, size - 1, side):
-            for a, b in ((0, 0), (1, 0), (0, 1), (1, 0), (1, 1), (0, 1)):
-                px, py = x + a * side, y + b * side
-                z = 2.0 + 0.3 * np.sin(px * 0.013) + 0.2 * np.cos(py * 0.017)
-                verts.append(((px - size / 2) / focal * z, (py - size / 2) / focal * z, z))
-                uvs.append((px / size * 0.97 + 0.013, py / size * 0.93 + 0.021))
+    pixels = cells(size, side, [(0, 0), (1, 0), (0, 1), (1, 0), (1, 1), (0, 1)]).reshape(-1, 2)
+    z = 2.0 + 0.3 * np.sin(pixels[:, 0] * 0.013) + 0.2 * np.cos(pixels[:, 1] * 0.017)
     texture = Texture(np.random.default_rng(1).random((2048, 2048, 3)).astype(np.float32))
-    faces = np.arange(len(verts)).reshape(-1, 3)
-    mesh = Mesh(np.array(verts), faces, uvs=np.array(uvs), material=Material(texture=texture))
-    return Scene((mesh,), flat_camera(size, focal), lights=(PointLight((0, 0, 0), (1, 1, 1)),))
+    return flat_scene(pixels, z, pixels / size * [0.97, 0.93] + [0.013, 0.021], size, focal, texture=texture)
 
 
 @pytest.mark.long
@@ -146,27 +130,20 @@ def test_the_choice_depends_on_triangle_and_tile_alone(device, options):
 def test_coefficients_just_below_a_power_of_two_keep_their_digits(device):
     """A coordinate of -1 at a tile's corner: the plane's first coefficient is next to -2^23 units, and its values beyond."""
     size, rng = 512, np.random.default_rng(3)
-    verts, uvs = [], []
-    for row in range(size // 16):
-        for column in range(size // 16):
-            across, up = rng.uniform(1e-4, 5e-4, 2)
-            corner_u = -(1.0 - rng.uniform(0, 1.5e-6))
-            left, top = 16 * column, size - 16 * row
-            for x, y in ((0, 0), (16, 0), (16, -16), (0, 0), (16, -16), (0, -16)):
-                verts.append(((left + x - size / 2) / 256, (top + y - size / 2) / 256, 1.0))
-                uvs.append((corner_u + across * (15.5 - x) + up * (15.5 + y), 0.5))
+    corners = [(0, 1), (1, 1), (1, 0), (0, 1), (1, 0), (0, 0)]
+    pixels = cells(size, 16, corners)
+    slopes, least = rng.uniform(1e-4, 5e-4, (len(pixels), 1, 2)), rng.uniform(0, 1.5e-6, (len(pixels), 1))
+    u = least - 1.0 + (slopes * ([15.5, -0.5] + [-16, 16] * np.array(corners))).sum(axis=-1)
+    uvs = np.stack([u, np.full_like(u, 0.5)], axis=-1).reshape(-1, 2)
     texture = Texture(rng.random((4, 8192, 3)).astype(np.float32))
-    faces = np.arange(len(verts)).reshape(-1, 3)
-    mesh = Mesh(np.array(verts), faces, uvs=np.array(uvs), material=Material(texture=texture, ks=0.0))
-    scene = Scene((mesh,), flat_camera(size, 256.0), lights=(PointLight((0, 0, 0), (1, 1, 1)),))
+    scene = flat_scene(pixels.reshape(-1, 2), np.ones(u.size), uvs, size, 256.0, texture=texture, ks=0.0)
     assert clshade.check(clshade.render(scene, device=device), pixels=size * size).bounds < 2.0
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("side", [5.0, 1.3, 17.0, 40.0])
 def test_small_and_large_triangles_are_within_the_bound(device, side):
-    frame = clshade.render(patches(side, size=128), device=device)
-    assert clshade.check(frame, pixels=128 * 128).bounds < 4.0
+    assert clshade.check(clshade.render(patches(side, size=128), device=device), pixels=128 * 128).bounds < 4.0
 
 
 # Trilinear
@@ -212,10 +189,8 @@ DETAIL = {np.float32: 4 * 2.0**-24, np.float64: 4 * 2.0**-53}
 def details(device, slopes: np.ndarray, real: type = np.float32) -> np.ndarray:
     """Return level and fraction (K, 2) for slopes (K, 4): u and v to the right, u and v up."""
     table, _ = texture_tables([Texture(noise(*SIZE))], mipmaps=True)
-    columns = [np.ascontiguousarray(column, real) for column in slopes.T]
-    return Probe(device, TEXT, MIPMAPS=1, DOUBLE=int(real is np.float64))(
-        "detail", *columns, table, width=2, dtype=real
-    )
+    probe, columns = Probe(device, TEXT, MIPMAPS=1, DOUBLE=int(real is np.float64)), slopes.T.astype(real, "C")
+    return probe("detail", *columns, table, width=2, dtype=real)
 
 
 @pytest.mark.sampled
@@ -292,7 +267,7 @@ ABOVE = Camera((0, 0, 5.0), (0, 0, 0), (0, 1, 0), 1.0, (2.0, 2.0), (16, 16), ort
 
 def aligned(image: np.ndarray, repeats: float = 1.0) -> Scene:
     """Return a square that fills the image of 16 x 16 pixels."""
-    return Scene((Mesh(CORNERS, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image))),), ABOVE)
+    return Scene(layer_scenes.square(uvs=repeats * UNIT, material=Material(texture=Texture(image))), ABOVE)
 
 
 @pytest.mark.sampled
@@ -343,30 +318,15 @@ def with_maps(mesh: Mesh, **changes: Any) -> Mesh:
 
 def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
     """Of the size and the wrap modes of the normal map, which share its lookup; and of its size alone."""
-    shared = {
-        name: Texture(texels(8, 11, seed))
-        for seed, name in enumerate(("metallic_roughness_texture", "emission_texture"))
-    }
+    names = "metallic_roughness_texture", "emission_texture"
+    shared = {name: Texture(texels(8, 11, seed)) for seed, name in enumerate(names)}
     scene = mapped_scene(with_maps(sheet(), **shared, occlusion_texture=Texture(texels(8, 11, 7), wrap="clamp")))
     oracle_asserts.assert_all(rendered(scene, device=device, shader="pbr", layers=("Z", "id", "N")))
     facets = scene.meshes[0].material.pbr
-    names = list(MAPS)[:4]
-    textures = [getattr(facets, name) for name in names]
-    alike = texture_tables(textures)[0]["alike"]
-    assert {name: names[k] for name, k in zip(names, alike, strict=True)} == {
-        "metallic_roughness_texture": "metallic_roughness_texture",
-        "normal_texture": "metallic_roughness_texture",
-        "occlusion_texture": "occlusion_texture",
-        "emission_texture": "metallic_roughness_texture",
-    }
-    alternatives = [
-        {"wrap": "mirror"},
-        {"filter": "nearest"},
-        {"coordinates": 1},
-        {"image": texels(11, 8)},
-        {"lookup": "course"},
-    ]
-    alone = [replace(facets.normal_texture, **changes) for changes in alternatives]
+    alike = texture_tables([getattr(facets, name) for name in list(MAPS)[:4]])[0]["alike"]
+    assert alike.tolist() == [0, 0, 2, 0]  # all but the map of occlusion
+    others = {"wrap": "mirror", "filter": "nearest", "coordinates": 1, "image": texels(11, 8), "lookup": "course"}
+    alone = [replace(facets.normal_texture, **{name: value}) for name, value in others.items()]
     assert texture_tables([facets.normal_texture, *alone])[0]["alike"].tolist() == list(range(6))
 
 
@@ -377,3 +337,98 @@ def test_a_flat_map_changes_no_bit(device):
     flat = with_maps(sheet(), **plain, normal_texture=Texture(np.full((2, 2, 3), [0.5, 0.5, 1.0])))
     bare = with_maps(sheet(), **plain, normal_texture=None)
     assert same_bits(*(clshade.render(mapped_scene(mesh), shader="pbr", device=device) for mesh in (flat, bare)))
+
+
+# Mipmap levels: of the host, of the oracle, and in the tables that the kernels read
+
+
+SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (3, 3), (16, 9), (37, 53), (64, 64), (96, 80))  # columns, rows
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_levels_of_any_size(size):
+    """Sizes are halved and rounded down (OpenGL 4.6, section 8.14.3). Host and oracle compute the same means in float64:
+    rounded they are equal but for ties, which random texels do not have; 8-bit values do, but their sums are exact. Each
+    texel is weighted by its area, so that no size loses or doubles a row; a constant stays the same to the last bit."""
+    image = noise(*size)
+    shapes = [level.shape[1::-1] for level in smaller_levels(image)]
+    assert shapes == [tuple(max(extent >> k, 1) for extent in size) for k in range(1, max(size).bit_length())]
+    for shades in (image, np.rint(image * 255).astype(np.float32) / 255):
+        first, *expected = reference.levels(shades)
+        assert np.array_equal(first, shades)
+        for mipmap, level in zip(smaller_levels(shades), expected, strict=True):
+            assert np.array_equal(mipmap, level)
+            mean, of_image = (a.mean(axis=(0, 1), dtype=np.float64) for a in (mipmap, shades))
+            assert np.abs(mean - of_image).max() < 2.0**-24
+    color = np.float32([0.1, 1 / 3, 3.4e38])
+    for shape in (size[::-1], (1, 32767)):
+        assert all((level == color).all() for level in smaller_levels(np.broadcast_to(color, (*shape, 3))))
+
+
+def test_odd_sizes_weigh_by_area():
+    """Of five rows, the first new one covers two and a half; of three rows, the only one covers all."""
+    rows = np.float32([1, 10, 100, 1000, 10000]).reshape(5, 1, 1)
+    first, second = smaller_levels(rows)
+    assert first[:, 0, 0] == pytest.approx([(1 + 10 + 50) / 2.5, (50 + 1000 + 10000) / 2.5])
+    assert second[0, 0, 0] == pytest.approx(11111 / 5)
+    assert smaller_levels(np.float32([1, 2, 6]).reshape(1, 3, 1))[0].item() == 3.0
+
+
+@pytest.mark.parametrize("size", [(BAND // 6 - 1, 12), (901, 701)])
+def test_bands_of_rows_change_no_bit(monkeypatch, size):
+    """One row per band, or all; and images that need several bands by default."""
+    image = noise(*size)
+    levels = smaller_levels(image)
+    for band in (1, 1 << 40):
+        monkeypatch.setattr("clshade.pipeline.shading_tables.BAND", band)
+        for level, same in zip(levels, smaller_levels(image), strict=True):
+            assert level.tobytes() == same.tobytes()
+
+
+def test_a_large_image_takes_little_memory():
+    """Relative to the float32 image: the first level in float64 1/2, all in float32 1/3, the next in float64 1/8 while
+    it is computed; and a few bands."""
+    image = np.ones((2047, 2047, 3), np.float32)
+    tracemalloc.start()
+    try:
+        smaller_levels(image)
+        assert tracemalloc.get_traced_memory()[1] < 1.0 * image.nbytes + 4 * 8 * BAND
+    finally:
+        tracemalloc.stop()
+
+
+def test_levels_are_kept_as_long_as_their_texture():
+    texture = Texture(noise(16, 9, 4))
+    levels = levels_below(texture)
+    assert levels_below(texture) is levels
+    assert levels_below(Texture(texture.image)) is not levels
+    assert [level.shape[2] for level in levels] == [3] * 4
+    kept = weakref.ref(levels[0])
+    del texture, levels
+    gc.collect()
+    assert kept() is None
+
+
+def test_levels_lie_behind_their_texture():
+    """Each texture's own texels come first, with its alpha; levels are opaque, and exist only for the standard
+    lookup."""
+    textures = [Texture(noise(5, 4, 4)), Texture(noise(6, 3), lookup="course"), Texture(noise(16, 9))]
+    table, texels = texture_tables(textures, mipmaps=True)
+    assert table["levels"].tolist() == [3, 1, 5]
+    end = 0
+    for row, chosen in zip(table, textures, strict=True):
+        for number, level in enumerate([chosen.image, *smaller_levels(chosen.image[..., :3])][: row["levels"]]):
+            count = level.shape[0] * level.shape[1]
+            assert row["offset"][number] == end
+            stored = texels[end : end + count]
+            assert np.array_equal(stored[:, :3], level[..., :3].reshape(count, 3))
+            assert np.array_equal(stored[:, 3], level[..., 3].ravel() if level.shape[2] == 4 else np.ones(count))
+            end += count
+    assert len(texels) == end
+    plain, plain_texels = texture_tables(textures)
+    assert plain["levels"].tolist() == [1, 1, 1]
+    assert len(plain_texels) == sum(chosen.image[..., 0].size for chosen in textures)
+    # The largest texture has room for all its levels.
+    table, texels = texture_tables([Texture(np.ones((1, 32768, 3), np.float32))], mipmaps=True)
+    assert table["levels"][0] == struct_layout.MOST_LEVELS
+    assert len(texels) == 65535

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import layer_scenes
 import numpy as np
 import pytest
 from devices import rendered
@@ -20,12 +21,12 @@ MIDDLE = (10, 10)
 RED, GREEN, BLUE = np.eye(3)
 
 
-def square(z: float, size: float = 1.0, turned: bool = False, **fields) -> Mesh:
+def square(z: float, turned: bool = False, **fields) -> Mesh:
     """Return an unlit square that faces the camera; turned: cut along its other diagonal."""
     colors = {name: fields.pop(name) for name in ("colors", "alphas", "uvs") if name in fields}
-    verts = size * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, z]
-    faces = [[0, 1, 3], [1, 2, 3]] if turned else [[0, 1, 2], [0, 2, 3]]
-    return Mesh(verts, faces, material=Material(**{"ka": 1, "kd": 0, "ks": 0, "blend": True, **fields}), **colors)
+    material = Material(**{"ka": 1, "kd": 0, "ks": 0, "blend": True, **fields})
+    mesh = layer_scenes.square(1.0, z, material=material, **colors)
+    return replace(mesh, faces=[[0, 1, 3], [1, 2, 3]]) if turned else mesh
 
 
 def scene(*meshes: Mesh, background=None, **fields) -> Scene:
@@ -57,19 +58,15 @@ def test_alpha_comes_from_material_vertices_and_texture(device):
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("visibility", ["depth", pytest.param("painter", marks=pytest.mark.long)])
 def test_layers_are_composited_in_order_of_depth(device, order, visibility):
-    meshes = (
-        square(0, color=BLUE, opacity=0.5),
-        square(1, color=GREEN, opacity=0.5),
-        square(2, color=RED, blend=False),
-    )
-    frame = draw(device, scene(*meshes[::order]), visibility=visibility)
-    assert frame.rgba[MIDDLE].tolist() == [0.25, 0.25, 0.5, 1.0]
-    over_nothing = draw(device, scene(*meshes[:2][::order]), visibility=visibility)
-    assert over_nothing.rgba[MIDDLE].tolist() == [0, 0.25, 0.5, 0.75]
-    over_white = draw(device, scene(*meshes[:2], background=1.0), visibility=visibility)
-    assert over_white.rgba[MIDDLE].tolist() == [0.25, 0.5, 0.75, 0.75]
-    hidden = draw(device, scene(meshes[0], square(-1, color=RED, blend=False)), visibility=visibility)
-    assert hidden.rgba[MIDDLE].tolist() == [1, 0, 0, 1]
+    blue, green = square(0, color=BLUE, opacity=0.5), square(1, color=GREEN, opacity=0.5)
+    behind, before = (square(z, color=RED, blend=False) for z in (2, -1))
+    for drawn, expected in (
+        (scene(*(blue, green, behind)[::order]), [0.25, 0.25, 0.5, 1.0]),
+        (scene(*(blue, green)[::order]), [0, 0.25, 0.5, 0.75]),
+        (scene(blue, green, background=1.0), [0.25, 0.5, 0.75, 0.75]),
+        (scene(blue, before), [1, 0, 0, 1]),
+    ):
+        assert draw(device, drawn, visibility=visibility).rgba[MIDDLE].tolist() == expected
 
 
 @pytest.mark.long
@@ -114,12 +111,8 @@ def test_many_layers_in_one_plane(device, orthographic, tilt, planes):
     z = 40.0 + tilt * x / 256 + behind[:, None] * 2.0**-18
     verts = np.stack([columns / 2 - x / 256, rows / 2 - y / 256, z], axis=-1)
     colors = generator.random((count, 3))
-    mesh = Mesh(
-        verts.reshape(-1, 3),
-        np.arange(3 * count).reshape(-1, 3),
-        colors=np.repeat(colors, 3, axis=0),
-        material=Material(color=1.0, blend=True, opacity=alpha),
-    )
+    material, faces = Material(color=1.0, blend=True, opacity=alpha), np.arange(3 * count).reshape(-1, 3)
+    mesh = Mesh(verts.reshape(-1, 3), faces, colors=np.repeat(colors, 3, axis=0), material=material)
     focal = 1.0 if orthographic else 40.0  # a unit is a pixel
     camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), focal, (rows, columns), (columns, rows), orthographic=orthographic)
     drawn_scene = Scene((mesh,), camera, (), ambient=0.0, background=0.0)
@@ -141,14 +134,9 @@ def test_many_layers_in_one_plane(device, orthographic, tilt, planes):
 
 def test_each_sample_has_its_own_owner(device):
     """A pane in the plane of two walls, before one and behind the other, which share a column of pixels."""
-    x, y = 0.1, 1.0
     left, right = (
-        Mesh(
-            [[a, -y, 0], [b, -y, 0], [b, y, 0], [a, y, 0]],
-            [[0, 1, 2], [0, 2, 3]],
-            material=Material(ka=1, kd=0, color=color),
-        )
-        for a, b, color in ((-1.0, x, BLUE), (x, 1.0, RED))
+        replace(square(0, color=color, blend=False), verts=[[a, -1, 0], [b, -1, 0], [b, 1, 0], [a, 1, 0]])
+        for a, b, color in ((-1.0, 0.1, BLUE), (0.1, 1.0, RED))
     )
     pane = square(0, color=GREEN, opacity=0.5)
     walls, both = (draw(device, scene(*meshes), samples=4).rgb[7:13] for meshes in ((left, right), (left, pane, right)))
@@ -174,8 +162,7 @@ def test_a_hundred_layers(device, depth, samples):
 def test_nothing_shines_through_alpha_one(device):
     front = square(0, color=GREEN, opacity=0.5, alphas=np.ones(4))
     full = replace(front, alphas=[1, 1, 1, 0.999], material=replace(front.material, opacity=1.0))
-    frame = draw(device, scene(full, square(1, color=1e30, blend=False)))
-    assert frame.alpha.max() == 1.0
+    assert draw(device, scene(full, square(1, color=1e30, blend=False))).alpha.max() == 1.0
     one = draw(device, scene(square(0, texture=Texture(np.ones((1, 1, 4))), uvs=np.zeros((4, 2)), color=GREEN)))
     assert one.rgba[MIDDLE].tolist() == [0, 1, 0, 1]
     faint = draw(device, scene(*(square(0.01 * k, opacity=1e-7) for k in range(20))))

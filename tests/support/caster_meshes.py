@@ -8,13 +8,12 @@ Array = np.ndarray
 Mesh = tuple[Array, Array]  # vertices (V, 3), faces (F, 3)
 
 
-def random_points(mesh: Mesh, count: int, seed: int = 1) -> tuple[Array, Array]:
-    """Return points (K, 3) on random faces, and the faces (K,)."""
+def face_points(mesh: Mesh, count: int, seed: int = 1, together: int = 1) -> tuple[Array, Array]:
+    """Return points (K, 3) on random faces, and the faces (K,). together: how many in a row lie on one face."""
     rng = np.random.default_rng(seed)
     vertices, faces = mesh
-    chosen = rng.integers(0, len(faces), count)
-    weights = rng.dirichlet([1.0, 1.0, 1.0], count)
-    return (vertices[faces[chosen]] * weights[:, :, None]).sum(axis=1), chosen
+    chosen = np.repeat(rng.integers(0, len(faces), count // together), together)
+    return (vertices[faces[chosen]] * rng.dirichlet([1.0, 1.0, 1.0], count)[:, :, None]).sum(axis=1), chosen
 
 
 def border_points(mesh: Mesh, count: int, seed: int = 2) -> tuple[Array, Array]:
@@ -23,8 +22,7 @@ def border_points(mesh: Mesh, count: int, seed: int = 2) -> tuple[Array, Array]:
     vertices, faces = mesh
     chosen = rng.integers(0, len(faces), count)
     part = rng.choice([0.0, 0.25, 0.5, 1.0], count)
-    weights = np.stack([part, 1.0 - part, np.zeros(count)], axis=1)
-    weights = rng.permuted(weights, axis=1)
+    weights = rng.permuted(np.stack([part, 1.0 - part, np.zeros(count)], axis=1), axis=1)
     return (vertices[faces[chosen]] * weights[:, :, None]).sum(axis=1), chosen
 
 
@@ -83,8 +81,7 @@ def slivers(seed: int = 6) -> Mesh:
     """Return triangles of which one corner is within 1e-7 to 1e-15 of the opposite edge."""
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(2, 40, 3))
-    along = rng.random((40, 1))
-    c = a + along * (b - a) + 10.0 ** rng.uniform(-15.0, -7.0, (40, 1)) * rng.normal(size=(40, 3))
+    c = a + rng.random((40, 1)) * (b - a) + 10.0 ** rng.uniform(-15.0, -7.0, (40, 1)) * rng.normal(size=(40, 3))
     return np.stack([a, b, c], axis=1).reshape(-1, 3), np.arange(120).reshape(-1, 3)
 
 

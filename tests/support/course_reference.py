@@ -75,8 +75,7 @@ def triangle(shader: str, verts_p, verts_n, verts_c, around: tuple, X) -> tuple[
         return image, off, drawn
     point, *lit_by = around
     if shader == "gouraud":
-        lit = light(point, normals, colors, *lit_by)
-        image[drawn] = weights @ lit
+        image[drawn] = weights @ light(point, normals, colors, *lit_by)
         off[drawn] = bound(point, unit(normals), colors, *lit_by).max(axis=0)
     else:
         normals = normals / max(np.abs(normals).max(), TINY)
@@ -90,29 +89,13 @@ def scene_arguments(scene: Scene, **changes: Any) -> dict[str, Any]:
     mesh, camera, material = scene.meshes[0], scene.camera, scene.meshes[0].material
     (N, M), (H, W) = camera.resolution, camera.plane
     colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
-    arguments: dict[str, Any] = {
-        "shader": "phong",
-        "focal": camera.focal,
-        "eye": camera.eye,
-        "lookat": camera.lookat,
-        "up": camera.up,
-        "bg_color": scene.background,
-        "M": M,
-        "N": N,
-        "H": H,
-        "W": W,
-        "verts": mesh.verts.T,
-        "verts_colors": colors.T,
-        "faces": mesh.faces.T,
-        "k_a": material.ka,
-        "k_d": material.kd,
-        "k_s": material.ks,
-        "n": material.n,
-        "l_pos": np.array([light.position for light in scene.lights]).reshape(-1, 3),
-        "l_int": np.array([light.intensity for light in scene.lights]).reshape(-1, 3),
-        "light_amb": scene.ambient,
-    }
-    return {**arguments, **changes}
+    arguments: dict[str, Any] = {name: getattr(camera, name) for name in ("focal", "eye", "lookat", "up")}
+    arguments |= {"shader": "phong", "bg_color": scene.background, "M": M, "N": N, "H": H, "W": W}
+    arguments |= {"verts": mesh.verts.T, "verts_colors": colors.T, "faces": mesh.faces.T}
+    arguments |= {"k_a": material.ka, "k_d": material.kd, "k_s": material.ks, "n": material.n}
+    for name, field in (("l_pos", "position"), ("l_int", "intensity")):
+        arguments[name] = np.array([getattr(light, field) for light in scene.lights]).reshape(-1, 3)
+    return {**arguments, "light_amb": scene.ambient, **changes}
 
 
 def map_arguments(scene: Scene, texture_map: Any, **changes: Any) -> dict[str, Any]:

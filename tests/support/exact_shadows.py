@@ -147,8 +147,7 @@ class ExactShadows:
         bound = _ONE[0] * magnitude + (RECEIVER_UNITS * (off[..., [1, 0, 0]] + off[..., [2, 2, 1]]) << _ONE[1])
 
         def one_side(beyond: Array) -> Array:
-            sides = np.where(np.asarray(beyond, bool), _sign(value), 0)
-            return (abs(sides.sum(axis=1)) == 3).any(axis=-1)
+            return (abs(np.where(np.asarray(beyond, bool), _sign(value), 0).sum(axis=1)) == 3).any(axis=-1)
 
         size = abs(value) << _ONE[1]
         return one_side(2 * size >= bound), one_side(size >= 2 * bound)

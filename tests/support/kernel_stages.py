@@ -61,13 +61,11 @@ class Probe:
         """Run a kernel; return its output, (K,) or, with a width, (K, width)."""
         count = len(inputs[0])
         padded = [np.concatenate([a, np.repeat(a[-1:], -len(a) % 16, axis=0)]) for a in inputs]
-        shape = (len(padded[0]),) if width is None else (len(padded[0]), width)
-        out = Buffer(self._device, np.zeros(shape, dtype))
+        out = Buffer(self._device, np.zeros((len(padded[0]),) if width is None else (len(padded[0]), width), dtype))
         buffers = [*(Buffer(self._device, a) for a in padded), out]
         kernel = self._program[name]
         kernel.set_args(*(buffer.memory for buffer in buffers))
-        size = (len(padded[0]) // self._program.lanes,)
-        cl.enqueue_nd_range_kernel(self._device.queue, kernel, size, (1,))
+        cl.enqueue_nd_range_kernel(self._device.queue, kernel, (len(padded[0]) // self._program.lanes,), (1,))
         return out.to_host()[:count].copy()
 
 

@@ -1,4 +1,4 @@
-"""Cards of cells after Khronos' glTF sample models, each of one feature, as .glb files written by code.
+"""Cards of cells after Khronos' glTF sample models, as .glb files written by code: of one feature each, and of surfaces.
 
 Cells are unit squares that face +z: column c, row r has its center at (c, -r, 0). Cells of tests that pass or fail are
 green all over where a renderer is right, and partly red where it is wrong; `wrong` writes a file whose settings are.
@@ -6,6 +6,7 @@ green all over where a renderer is right, and partly red where it is wrong; `wro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -211,10 +212,8 @@ def multi_uv(path: Path, wrong: bool = False) -> str:
     sets = {"TEXCOORD_0": spanned(0.75, 0.75, 0), "TEXCOORD_1": spanned(0.25, 0.25, 0)}
     texture = card.texture(stripes((0, 255, 0), (255, 0, 0)))
     base = card.material(reflection={"baseColorTexture": {"index": texture, **second}})
-    shining = card.material(
-        (0, 0, 0), unlit=False, emissiveFactor=[1, 1, 1], emissiveTexture={"index": texture, **second}, **_matt()
-    )
-    for column, material in enumerate((base, shining)):
+    emission = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": texture, **second}}
+    for column, material in enumerate((base, card.material((0, 0, 0), unlit=False, **emission, **_matt()))):
         card.place(card.tile(material, **sets), column, 0)
     for column, codes in enumerate(((255, 0), (102, 255), (0, 255)), start=2):
         texture = card.texture(stripes(*((code, 0, 0) for code in codes)))
@@ -245,43 +244,96 @@ def emissive_strength(path: Path) -> str:
     return card.glb(path)
 
 
-_S = float(np.sqrt(0.5))
-# Of a cube: color, normal, and what points up once the rotation turns the face to the eye.
-SIDES: list[tuple[Sequence[float], Sequence[int], Sequence[int], Sequence[float]]] = [
-    ((0.9, 0.1, 0.1), (1, 0, 0), (0, 1, 0), (0, -_S, 0, _S)),
-    ((0.1, 0.8, 0.8), (-1, 0, 0), (0, 1, 0), (0, _S, 0, _S)),
-    ((0.1, 0.8, 0.1), (0, 1, 0), (0, 0, -1), (_S, 0, 0, _S)),
-    ((0.8, 0.1, 0.8), (0, -1, 0), (0, 0, 1), (-_S, 0, 0, _S)),
-    ((0.1, 0.2, 0.9), (0, 0, 1), (1, 0, 0), (0, 0, _S, _S)),
-    ((0.9, 0.8, 0.1), (0, 0, -1), (0, 1, 0), (0, 1, 0, 0)),
-]
+# Curved and mapped surfaces
 
 
-def orientation(path: Path) -> str:
-    """After OrientationTest: a cube with sides of different colors, each with a white square at its top left, turned so
-    that another side faces the eye: by a quaternion, by a matrix, and by two nodes that turn half each."""
-    card = Card(6, 3)
-    positions, colors, faces = [], [], []
-    for color, normal, up, _ in SIDES:
-        n, u = np.array(normal, float), np.array(up, float)
-        axes = np.stack([np.cross(u, n), u])
-        for tone, low, high, out in ((color, (-1, -1), (1, 1), 0.35), (WHITE, (-0.9, 0.1), (-0.1, 0.9), 0.36)):
-            square = np.array([low, (high[0], low[1]), high, (low[0], high[1])], float)
-            faces.append(_FACES + 4 * len(positions))
-            positions.append(0.35 * square @ axes + out * n)
-            colors.append(np.full((4, 3), tone))
-    material = card.material()
-    cube = card.shape(
-        np.concatenate(positions), np.concatenate(faces), material, COLOR_0=np.concatenate(colors).astype(np.float32)
-    )
-    for column, (_, normal, up, rotation) in enumerate(SIDES):
-        card.place(cube, column, 0, rotation=list(rotation))
-        matrix = np.eye(4)
-        matrix[:3, :3] = np.cross(up, normal), up, normal
-        matrix[:3, 3] = column, -1, 0
-        card.add("nodes", {"mesh": cube, "matrix": matrix.T.ravel().tolist()})
-        half = np.array(rotation, float) + [0, 0, 0, 1]
-        half = (half / np.linalg.norm(half)).tolist()
-        child = card.add("nodes", {"mesh": cube, "rotation": half})
-        card.add("nodes", {"children": [child], "translation": [column, -2, 0], "rotation": half})
+ROUGHNESS = tuple(51 * k / 255 for k in range(1, 6))
+METAL = (0.9, 0.6, 0.3)
+_RADIUS = 0.45
+
+
+def metal_rough_spheres(path: Path) -> str:
+    """After MetalRoughSpheres: rougher to the right; metals, dielectrics, and metals whose numbers come from textures. The
+    poles face +z."""
+    card = Card(len(ROUGHNESS), 3)
+    across, up = 33, 17
+    phi, theta = (a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, across), np.linspace(0, np.pi, up)))
+    normals = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).ravel()
+    triangles = [(first, first + across, first + 1), (first + 1, first + across, first + across + 1)]
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in triangles]).astype(np.uint16).ravel()
+    normal = card.accessor(normals.astype(np.float32))
+    uvs = card.accessor(np.full((len(normals), 2), 0.5, np.float32))
+    for row, column in np.ndindex(3, len(ROUGHNESS)):
+        reflection: dict[str, Any] = {"metallicFactor": float(row != 1), "roughnessFactor": ROUGHNESS[column]}
+        if row == 2:
+            texel = np.array([[[0, 51 * (column + 1), 255]]], np.uint8)
+            reflection = {"metallicRoughnessTexture": {"index": card.texture(texel)}}
+        material = card.material(METAL, unlit=False, reflection=reflection)
+        card.place(card.shape(_RADIUS * normals, faces, material, NORMAL=normal, TEXCOORD_0=uvs), column, row)
+    return card.glb(path)
+
+
+GRID = 32  # texels of a cell, and vertices of a dome, which lie at their centers
+_SLOPE, _RIM = 2.5, 0.38  # of the dome: what its slope grows by, and where it ends
+_CENTERS = (np.arange(GRID) + 0.5) / GRID - 0.5
+
+
+def _dome(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return height and normals of a dome over a unit square."""
+    inside = x * x + y * y < _RIM * _RIM
+    height = np.where(inside, 0.5 * _SLOPE * (_RIM * _RIM - x * x - y * y), 0.0)
+    normals = np.stack([_SLOPE * x * inside, _SLOPE * y * inside, np.ones_like(x)], axis=-1)
+    return height, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def _dome_mesh(card: Card, material: int) -> int:
+    x, y = (a.ravel() for a in np.meshgrid(_CENTERS, _CENTERS))
+    height, normals = _dome(x, y)
+    first = (np.arange(GRID - 1)[:, None] * GRID + np.arange(GRID - 1)).ravel()
+    triangles = [(first, first + 1, first + GRID + 1), (first, first + GRID + 1, first + GRID)]
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in triangles]).astype(np.uint16).ravel()
+    return card.shape(np.stack([x, y, height], axis=1), faces, material, NORMAL=normals.astype(np.float32))
+
+
+def _mapped(card: Card, material: int, axes: np.ndarray, tangents: bool, half: int = 0) -> int:
+    """Add a square whose texture coordinates are axes (2, 2) @ (x, y) + 0.5. half: 1 or -1 for that side of x alone."""
+    low, high = (0.0, 0.5) if half == 1 else (-0.5, 0.0) if half == -1 else (-0.5, 0.5)
+    corners = np.array([[low, -0.5], [high, -0.5], [high, 0.5], [low, 0.5]])
+    attributes: dict[str, Any] = {
+        "NORMAL": np.tile(np.float32([0, 0, 1]), (4, 1)),
+        "TEXCOORD_0": (corners @ axes.T + 0.5).astype(np.float32),
+    }
+    if tangents:
+        back = np.linalg.inv(axes)  # columns: where u and v grow
+        side = 1.0 if np.cross([*back[:, 0], 0], [*-back[:, 1], 0])[2] > 0.0 else -1.0
+        attributes["TANGENT"] = np.tile(np.float32([*back[:, 0], 0.0, side]), (4, 1))
+    positions = np.concatenate([corners, np.zeros((4, 1))], axis=1)
+    return card.shape(positions, _FACES, material, **attributes)
+
+
+def _turned(quarters: int, mirrored: bool = False) -> np.ndarray:
+    """Return texture coordinates' axes, turned by so many quarters and mirrored along u."""
+    angle = quarters * math.pi / 2
+    turn = np.round([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    return np.diag([-1.0 if mirrored else 1.0, 1.0]) @ np.diag([1.0, -1.0]) @ turn
+
+
+def normal_tangent(path: Path, tangents: bool = False) -> str:
+    """After NormalTangentTest, and with `tangents` NormalTangentMirrorTest: a dome of geometry at the top, below it squares
+    with its normal map: coordinates turned by quarters, mirrored and turned, and halves that mirror each other."""
+    card = Card(4, 4)
+    # The dome's normal map: u to the right, v down, green up. It serves any rotation and mirroring of its coordinates, for
+    # the dome looks the same from all sides.
+    codes = np.round((_dome(*np.meshgrid(_CENTERS, -_CENTERS))[1] * 0.5 + 0.5) * 255.0).astype(np.uint8)
+    normals = {"index": card.texture(codes, magFilter=LINEAR, minFilter=LINEAR)}
+    look: dict[str, Any] = {"unlit": False, "reflection": {"metallicFactor": 0.0, "roughnessFactor": 0.5}}
+    dome, mapped = _dome_mesh(card, card.material(METAL, **look)), card.material(METAL, **look, normalTexture=normals)
+    for column in range(4):
+        card.place(dome, column, 0)
+        for row, mirrored in ((1, False), (2, True)):
+            card.place(_mapped(card, mapped, _turned(column, mirrored), tangents), column, row)
+        halves = [_turned(2 * (column % 2), mirrored) for mirrored in (column >= 2, column < 2)]
+        for half, axes in zip((1, -1), halves, strict=True):
+            card.place(_mapped(card, mapped, axes, tangents, half), column, 3)
     return card.glb(path)

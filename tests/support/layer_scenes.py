@@ -16,6 +16,19 @@ MIRRORED = np.array([[-0.8, 0.1, 0.0, 0.6], [0.0, 0.7, 0.0, 0.2], [0.1, 0.0, 0.9
 TURNED = np.array([[0.5, 0.0, 0.3, -0.7], [0.0, 0.6, 0.0, 0.5], [-0.3, 0.0, 0.5, 0.2], [0.0, 0.0, 0.0, 1.0]])
 
 
+def at(x: float, y: float, z: float = 0.0) -> np.ndarray:
+    """Return the placement (4, 4) of what is moved."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def square(half: float = 1.0, z: float = 0.0, **fields: Any) -> Mesh:
+    """Return a square of two triangles about the z axis, facing it."""
+    verts = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
+    return Mesh(verts, [[0, 1, 2], [0, 2, 3]], **fields)
+
+
 def floor() -> Mesh:
     """Return a textured quad from far away to behind the eye: both its triangles are clipped."""
     verts = np.float32([[-9, -1, -30], [9, -1, -30], [9, -1, 9], [-9, -1, 9]])
@@ -35,19 +48,15 @@ def dome(count: int = 14) -> Mesh:
     normal_faces = count - np.array(faces)
     uvs = np.stack([np.arange(3 * count), -np.arange(3 * count)], axis=1) * 0.25
     colors = np.arange(3 * (count + 1)).reshape(-1, 3) % 7 / 8.0
+    indexed = {
+        "normals": normals,
+        "normal_faces": normal_faces,
+        "uvs": uvs,
+        "uv_faces": np.arange(3 * count).reshape(-1, 3),
+    }
     material = Material(two_sided=True, color=(0.9, 0.5, 1.0), name="shell")
-    return Mesh(
-        verts,
-        faces,
-        colors=colors,
-        normals=normals,
-        normal_faces=normal_faces,
-        uvs=uvs,
-        uv_faces=np.arange(3 * count).reshape(-1, 3),
-        material=material,
-        instances=np.array([MIRRORED, TURNED, np.diag([1.0, 1.0, -1.0, 1.0])]),
-        name="dome",
-    )
+    instances = np.array([MIRRORED, TURNED, np.diag([1.0, 1.0, -1.0, 1.0])])
+    return Mesh(verts, faces, colors=colors, material=material, instances=instances, name="dome", **indexed)
 
 
 def wedge() -> Mesh:
@@ -58,9 +67,8 @@ def wedge() -> Mesh:
 
 def mixed(**fields: Any) -> Scene:
     """Return a scene of all these meshes, and a mesh without faces."""
-    tile = Mesh(
-        np.float32([[0.2, -0.8, 1.2], [0.9, -0.8, 1.2], [0.5, -0.2, 1.0]]), [[0, 1, 2]], material=Material(name="clay")
-    )
+    corners = np.float32([[0.2, -0.8, 1.2], [0.9, -0.8, 1.2], [0.5, -0.2, 1.0]])
+    tile = Mesh(corners, [[0, 1, 2]], material=Material(name="clay"))
     nothing = Mesh(np.zeros((1, 3)), np.zeros((0, 3), int), material=Material(kd=0.3))
     meshes = (floor(), nothing, dome(), wedge(), tile)
     defaults: dict[str, Any] = {"camera": CAMERA, "lights": (PointLight((2, 3, 4)),), "background": None}

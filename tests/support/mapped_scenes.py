@@ -15,8 +15,7 @@ LIGHTS = (PointLight((3, 4, 5), (1.0, 0.9, 0.7)), PointLight((-4, 1, 2), (0.2, 0
 
 def normal_image(rows: int, columns: int, seed: int = 1, tilt: float = 0.5) -> np.ndarray:
     """Return a smooth normal map whose normals lean by up to `tilt`."""
-    rng = np.random.default_rng(seed)
-    lean = rng.uniform(-tilt, tilt, (rows, columns, 2))
+    lean = np.random.default_rng(seed).uniform(-tilt, tilt, (rows, columns, 2))
     return np.float32(0.5 + 0.5 * np.dstack([lean, np.sqrt(1.0 - (lean**2).sum(axis=2))]))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import oracle_asserts
 import pyopencl as cl
-from caster_meshes import joined, lattice, moved, random_points, sphere
+from caster_meshes import face_points, joined, lattice, moved, sphere
 from exact_shadows import DARK, LIT, ExactShadows
 from oracle_asserts import assert_layers
 
@@ -157,7 +157,7 @@ def draw(form: str) -> float:
             layers = oracle.render_layers(frame.scene, frame.settings)
             assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     mesh = joined(lattice(12), moved(sphere(), np.array([0.1, 0.2, 1.5]), 0.4))
-    (points, faces), light = random_points(mesh, 40), np.array([0.2, 0.4, 9.0, 1.0])
+    (points, faces), light = face_points(mesh, 40), np.array([0.2, 0.4, 9.0, 1.0])
     hierarchy = Hierarchy(device, *mesh)
     dark, expected = hierarchy.shadowed(points, faces, light), ExactShadows(*mesh).of(points, faces, light)
     assert not dark[expected == LIT].any()

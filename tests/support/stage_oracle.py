@@ -39,8 +39,3 @@ def hull(xy: Array, places: Array, resolution: tuple[int, int]) -> Array:
     """Return the union (F, 4) of the boxes of `coverage.setup` over all sample positions."""
     boxes = np.array([coverage.setup(moved, *resolution).box for moved in seen_from(xy, places)])
     return np.concatenate([boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)], axis=1)
-
-
-def as_kernels_see(z: Array) -> Array:
-    """Return depths whose reciprocals are float32, as the kernels see them."""
-    return 1.0 / (1.0 / z).astype(np.float32).astype(np.float64)

@@ -41,6 +41,5 @@ def around(camera: Camera, count: int = 4000, dtype=np.float64) -> np.ndarray:
     """Return points in front of, beside and behind the eye."""
     rng = np.random.default_rng(1)
     distance = np.linalg.norm(camera.lookat - camera.eye)
-    spread = np.exp2(rng.uniform(-6.0, 3.0, (count, 1)))
-    points = camera.lookat + distance * spread * rng.normal(size=(count, 3))
+    points = camera.lookat + distance * np.exp2(rng.uniform(-6.0, 3.0, (count, 1))) * rng.normal(size=(count, 3))
     return np.ascontiguousarray(points, dtype)
