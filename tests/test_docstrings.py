@@ -3,8 +3,6 @@
 Numpydoc's own validation needs Sphinx, and neither it nor pydoclint reads `a, b : type` of several parameters.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re

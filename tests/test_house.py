@@ -1,7 +1,5 @@
 """Imports by name, which import-linter does not see, and their cost; public names; folders and packages."""
 
-from __future__ import annotations
-
 import ast
 import re
 from fnmatch import fnmatch

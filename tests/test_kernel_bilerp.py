@@ -1,7 +1,5 @@
 """bilerp.cl and texture.clh against the oracle's texture lookups."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from fractions import Fraction

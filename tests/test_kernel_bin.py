@@ -1,7 +1,5 @@
 """bin.cl: each tile's list holds every triangle with a pixel in it, none whose box misses it, in the given order."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from kernel_stages import Pipeline, samples_at

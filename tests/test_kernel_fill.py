@@ -1,7 +1,5 @@
 """fill.clh, through the stages set-up, bin and (unlit) gouraud: coverage and ownership of pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from devices import needs_float64

@@ -1,7 +1,5 @@
 """lanes.clh and rows.clh: operations across lanes, in AVX-512's instructions and in plain OpenCL C, against NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from kernel_stages import LANES, Probe, bits

@@ -1,7 +1,5 @@
 """numerics.clh, function by function, against float64; what operations.clh is compared with."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest

@@ -1,8 +1,6 @@
 """project.cl: snapped positions and depths are bit-identical to the float64 oracle's; vertices beyond limits are
 marked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from kernel_stages import project

@@ -1,7 +1,5 @@
 """setup.cl against the oracle: areas, boxes, culling and its counters, faces left to the clipper, the order of keys."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

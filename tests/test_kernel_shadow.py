@@ -1,7 +1,5 @@
 """shadow_predicate.clh and the kernel shadow_rays, against exact integer arithmetic, in scenes that are hard to decide."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from caster_meshes import Mesh, border_points, box, face_points, joined, lattice, moved, slivers, soup, sphere

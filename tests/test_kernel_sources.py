@@ -1,7 +1,5 @@
 """Kernel sources: constants shared with the host, and macros that would be 0 if misspelled."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every example of README.md and of the rooms' READMEs runs as printed."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """Type checkers and editors see the public API as it is; mypy reads `typed_calls.py`."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import fields
 from pathlib import Path

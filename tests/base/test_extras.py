@@ -1,7 +1,5 @@
 """Hints on extras name what works where clshade was installed from."""
 
-from __future__ import annotations
-
 import json
 from importlib import metadata
 from types import SimpleNamespace

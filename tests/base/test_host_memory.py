@@ -1,7 +1,5 @@
 """Free memory as reported by the system: of the machine, of control groups of both versions, of the process."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Ctrl-C and killing signals at any moment of a run: leftovers, and that the next run works."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Progress bars: what their estimates leave out."""
 
-from __future__ import annotations
-
 import io
 import sys
 import threading

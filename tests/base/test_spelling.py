@@ -1,7 +1,5 @@
 """Unknown names, on the command line and in Python: one line with the nearest valid one, or with what to do instead."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from command_line import assert_refused, listing, run

@@ -1,7 +1,5 @@
 """`render_object` and `render_object_map`: the renderer's frame, whatever the shapes of their arguments."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import replace
 

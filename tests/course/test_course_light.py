@@ -1,7 +1,5 @@
 """`light`, `bilerp`, `calculate_normals`, and one triangle over an image, against the formulas in float64."""
 
-from __future__ import annotations
-
 import course_reference as reference
 import numpy as np
 import pytest

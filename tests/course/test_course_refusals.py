@@ -1,8 +1,6 @@
 """Refusals of the course's functions: a ValueError that names function, argument, expected and found, before any
 work."""
 
-from __future__ import annotations
-
 import re
 from unittest.mock import Mock
 

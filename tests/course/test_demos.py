@@ -1,7 +1,5 @@
 """The figures of the course, which of them a scene can show; the demos that draw them, run as users run them."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,8 +1,6 @@
 """Damaged files: each must load as a valid scene or raise an InputError of one line that names the file, within limits
 of time and memory."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import resource

@@ -6,8 +6,6 @@ vertices on pixel centers and on each other's edges, panes on panes, lights in f
 edges, alphas exactly at the cutoff; the camera looks along z with pixels of a power of two, so that all stay exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,8 +1,6 @@
 """Kinds of random scenes. Building a kernel program takes seconds, so all that determines the program is a `Kind`, which the
 scenes of a block share; everything else differs from scene to scene."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any

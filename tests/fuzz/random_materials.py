@@ -1,7 +1,5 @@
 """Random materials, textures, parameters of shader pbr, environments and lights, also at the ends of their ranges."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import partial

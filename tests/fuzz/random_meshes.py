@@ -1,8 +1,6 @@
 """Random meshes: shapes about the origin, ordinary and degenerate ones; their normals, texture coordinates, colors,
 placements and scalars."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

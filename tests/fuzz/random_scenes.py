@@ -1,7 +1,5 @@
 """Random scenes, each determined by its number: odd sizes, all settings, degenerate geometry, extreme values."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,8 +1,6 @@
 """Fuzz by hand: `python tests/fuzz/run.py --scenes 0:20000 --files 0:20000 --seed 1` draws these random scenes and
 loads these damaged files. Each failure is printed with the command that repeats it, and the file of the scene, cut down."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from functools import partial

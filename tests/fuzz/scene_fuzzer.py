@@ -1,7 +1,5 @@
 """Random scenes against the float64 oracle: drawing, judging, and shrinking and saving what fails."""
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 import time

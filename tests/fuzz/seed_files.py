@@ -1,7 +1,5 @@
 """Small valid files of every format that clshade reads, for the fuzzer to damage."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

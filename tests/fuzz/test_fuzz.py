@@ -3,8 +3,6 @@
 For more than these run `python tests/fuzz/run.py --scenes 0:20000 --files 0:20000 --seed 1`.
 """
 
-from __future__ import annotations
-
 import shutil
 import warnings
 from collections.abc import Callable

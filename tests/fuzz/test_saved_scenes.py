@@ -1,7 +1,5 @@
 """Scenes in which the fuzzer found a fault, cut down to what it needs; each failed with the fault planted again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

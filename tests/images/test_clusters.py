@@ -1,7 +1,5 @@
 """Regions of large errors: planted ones are found, noise is not, and a figure shows them magnified."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

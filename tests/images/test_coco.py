@@ -1,7 +1,5 @@
 """COCO data sets: what pycocotools reads of them, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import os
 

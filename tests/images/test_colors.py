@@ -1,7 +1,5 @@
 """Colors as people write them; Y'CbCr planes of BT.709 against the recommendation's formulas, places of chroma samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

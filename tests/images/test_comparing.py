@@ -1,7 +1,5 @@
 """`compare`: metrics of planted differences, layer by layer, as an image regression test."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

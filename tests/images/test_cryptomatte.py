@@ -1,7 +1,5 @@
 """Cryptomatte: hashes of names, ranks of what samples show, and the part of an EXR that other programs read."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections import Counter

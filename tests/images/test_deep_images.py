@@ -1,7 +1,5 @@
 """Images with more than 8 bits per channel, TIFF and PNM: every bit is read, or a one-line error says why not."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import sys

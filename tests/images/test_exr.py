@@ -1,7 +1,5 @@
 """EXR files: every channel and attribute is preserved bit for bit."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """EXR errors: a full disk leaves the earlier file intact, bad files raise an InputError of one line."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -1,7 +1,5 @@
 """Layers in files as other programs read them, with OpenEXR and OpenImageIO: names, types, windows and header."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

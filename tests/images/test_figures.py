@@ -1,7 +1,5 @@
 """Figures as PNG, PDF and SVG files; grouping of channels into layers, and thumbnails of layers of any type."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Image files of any type become linear float32 RGB; those that cannot be decoded are refused in one line."""
 
-from __future__ import annotations
-
 import io
 import warnings
 

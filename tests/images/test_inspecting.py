@@ -1,7 +1,5 @@
 """Statistics of images with planted values; the output and the figure of `inspect`."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

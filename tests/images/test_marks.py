@@ -1,7 +1,5 @@
 """Text, scale bars, axes triads and color bars beside images; magnified crops, and the image with their places."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """PNG files: every code is preserved; 16-bit depth PNGs: codes, the scale in the file, readers of other programs."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

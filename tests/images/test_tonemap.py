@@ -1,7 +1,5 @@
 """Tone maps: equal to the float64 oracle at every code's threshold, at the extremes and in between."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tonemap_reference import tonemap as oracle

@@ -1,7 +1,5 @@
 """The oracle's stages against closed forms, exact arithmetic and mpmath."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction

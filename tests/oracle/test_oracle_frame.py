@@ -1,7 +1,5 @@
 """Whole frames of the oracle against closed forms, and the comparisons against planted errors."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import product

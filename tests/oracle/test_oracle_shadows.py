@@ -1,7 +1,5 @@
 """Shadows of the oracle: exact signs, closed forms, and lights and casters in each other's planes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 

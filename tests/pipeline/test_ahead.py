@@ -1,7 +1,5 @@
 """Programs for a first picture, and those that a process compiles after it for the next ones."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import subprocess

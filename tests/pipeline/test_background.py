@@ -1,7 +1,5 @@
 """What is behind a scene: `Settings.background` in image, header, PNG and whatever else shows PNGs, and the environment."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

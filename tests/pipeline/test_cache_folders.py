@@ -1,7 +1,5 @@
 """Cache folders that are full, vanish or are shared, and the environment in which OpenCL starts."""
 
-from __future__ import annotations
-
 import errno
 import os
 import pwd

@@ -1,7 +1,5 @@
 """Finding, probing and opening devices. Uses any device there is."""
 
-from __future__ import annotations
-
 import errno
 import importlib.util
 import os

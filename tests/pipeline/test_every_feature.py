@@ -4,8 +4,6 @@ another number of lanes, all features forced on, earlier views, parts and a sing
 What only one feature has, such as closed forms, is in a file of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

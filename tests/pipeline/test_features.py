@@ -1,7 +1,5 @@
 """The features that a scene needs, and the reasons why others are left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Optical flow: closed forms, what is hidden, and the float64 oracle."""
 
-from __future__ import annotations
-
 import json
 import struct
 from dataclasses import replace

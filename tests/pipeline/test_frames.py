@@ -1,7 +1,5 @@
 """Whole frames: other units, nothing to see, clipped surfaces, precision, many triangles, and who owns their memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Image-based light of shader pbr: closed forms, and what it takes the place of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parts of an image: the bits of that part of the whole, however it is cut, also where no whole image can be drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

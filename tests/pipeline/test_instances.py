@@ -1,7 +1,5 @@
 """Instances drawn from one copy of their mesh: the same bits as copies, in less memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 And what is said while kernels are compiled.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

@@ -1,7 +1,5 @@
 """Frames of scenes after Khronos' glTF sample models: what each of them tests, by cells that pass or in closed form."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The layers of a frame: in closed form and against each other; layers that are not requested cost nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

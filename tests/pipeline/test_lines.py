@@ -1,7 +1,5 @@
 """Lines along edges: the edges of meshes and their kinds, their width in frames, and what hides them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lights over a floor in closed form: directions, cones, attenuation, sizes, and the shadows of each of their points."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

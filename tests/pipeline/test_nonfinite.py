@@ -1,7 +1,5 @@
 """Vertices that are NaN or infinite; normals that cancel; placements that flatten or mirror."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 

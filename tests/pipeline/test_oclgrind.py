@@ -1,7 +1,5 @@
 """Every kernel on Oclgrind, a simulated device: no access out of bounds, data race or read of uninitialized memory."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

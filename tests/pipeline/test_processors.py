@@ -1,8 +1,6 @@
 """The processor that PyPI's PoCL compiles for; and that the kernels as it compiles them for other x86-64 processors draw the
 right images, without a warning, and without a call into PoCL's library of functions."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -1,8 +1,6 @@
 """Arguments of the public functions that are of no use, such as an array where a word is expected: an InputError of one line
 that names function and argument."""
 
-from __future__ import annotations
-
 import re
 from itertools import product
 

@@ -3,8 +3,6 @@
 And what arrays of frames are to others.
 """
 
-from __future__ import annotations
-
 import gc
 import re
 import tracemalloc

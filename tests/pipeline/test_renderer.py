@@ -3,8 +3,6 @@
 And what does not fit into memory, or the kernels' numbers: it is refused in one line before it is allocated.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys

@@ -1,7 +1,5 @@
 """Bit-identical results: one SHA-256 per scene and settings, on every device, with any lanes, threads and features."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several samples per pixel: their positions, their coverage, and the resolve."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

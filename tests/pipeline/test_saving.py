@@ -1,7 +1,5 @@
 """Frames as files and as bytes: all files or none, refusals before anything is written, what each file holds, pickling."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Scalars shown by a color map: closed forms, files, bits that stay as they are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 

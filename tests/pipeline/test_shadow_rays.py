@@ -1,7 +1,5 @@
 """Shadow rays through the hierarchy of casters, to one light or in fans, against all triangles one by one; its tree."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What casters let pass of a light, in closed form: one by one, in any order, opaque or not; and ambient occlusion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

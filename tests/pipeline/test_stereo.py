@@ -1,7 +1,5 @@
 """Depths lead to points: under cameras from a matrix K and a pose, and as the disparities of stereo pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

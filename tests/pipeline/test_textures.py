@@ -1,7 +1,5 @@
 """Textures: nearest texels, far coordinates, coordinates by planes, levels of detail, mipmaps, and maps of shader pbr."""
 
-from __future__ import annotations
-
 import gc
 import tracemalloc
 import weakref

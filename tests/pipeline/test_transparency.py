@@ -1,7 +1,5 @@
 """Transparent surfaces: closed forms, order, and layers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import layer_scenes

@@ -1,7 +1,5 @@
 """The line that says why an image shows nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

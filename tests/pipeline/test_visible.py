@@ -1,7 +1,5 @@
 """How much of each instance is seen: known shares, amodal masks, the oracle, and files; mattes."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Real scenes, and malformed and hostile files, in the folder named by CLSHADE_DATA."""
 
-from __future__ import annotations
-
 import json
 import os
 import pathlib

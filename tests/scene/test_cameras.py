@@ -1,7 +1,5 @@
 """Cameras: fitted to what they show, moved by angles, as named views, as K and pose, in pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `inspect` says of scenes, counts and areas of surfaces in closed form, and what descriptions tell apart."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Course .npy files: layouts, options, writing back, and pickles designed to take long. Refusals: test_refused_files.py."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle

@@ -1,7 +1,5 @@
 """`Scene.from_trimesh`: meshes and scenes of trimesh, and objects with the attributes of Open3D's and PyVista's."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Vertex normals, creases, welding, camera axes, bounds and tangents, against closed forms and plain loops."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """glTF and GLB: the meaning of handwritten files. Containers, nodes, meshes, cameras and lights."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

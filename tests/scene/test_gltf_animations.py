@@ -1,7 +1,5 @@
 """Animations of glTF files: each interpolation by its formula, what they animate, how one is chosen, and their frames."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Materials of glTF files: colors, textures and maps, where they are found, and what is missing or beyond its range."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

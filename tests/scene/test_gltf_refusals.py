@@ -1,7 +1,5 @@
 """Broken and hostile glTF files: refused in one line that names the field."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Skins and morph targets of glTF files against poses in closed form."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`Scene.to_glb`: what is written is read back, by this reader and by trimesh's (test_from_trimesh.py)."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Lights: what they keep, how they turn and grow; environments: directions in the image, files, and the light of them."""
 
-from __future__ import annotations
-
 import os
 import pickle
 

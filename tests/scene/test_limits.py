@@ -1,7 +1,5 @@
 """Limits of files: values at a limit are accepted, those one beyond it refused; the work grows with the number of meshes."""
 
-from __future__ import annotations
-
 import os
 import struct
 import sys

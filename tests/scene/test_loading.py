@@ -1,7 +1,5 @@
 """`load`: the files it accepts, its options, and the default camera and lights of meshes."""
 
-from __future__ import annotations
-
 import gc
 import math
 import os

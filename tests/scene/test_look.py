@@ -1,7 +1,5 @@
 """Looks and grounds: the studio's light and contact shadow, where the ground lies, and what it looks like at its edge."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import command_line

@@ -1,7 +1,5 @@
 """Files written by trimesh are read back: an independent implementation of each format."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scene_files import corners_in_world, write

@@ -1,7 +1,5 @@
 """OBJ files and their material libraries: the meaning of handwritten files, and parsers of the same text."""
 
-from __future__ import annotations
-
 from functools import partial
 from operator import eq
 

@@ -1,7 +1,5 @@
 """PLY and STL: the meaning of files, tested with handwritten ones, and refusals, with their element and row."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files to which scene files refer: textures that are elsewhere or damaged cost no picture, and stores of links are read."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import os

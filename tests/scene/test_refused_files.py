@@ -1,8 +1,6 @@
 """Files that are refused, each in one line that says where and why. A row: what is wrong, and parts of the message, between
 which … stands for other words."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from pathlib import Path

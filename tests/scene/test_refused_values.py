@@ -1,7 +1,5 @@
 """Invalid values in scenes, cameras, lights and settings: an InputError of one line that names class and field."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import numpy as np

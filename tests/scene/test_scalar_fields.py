@@ -1,7 +1,5 @@
 """Scalars of meshes and their settings: what is kept, what is refused, and what files give."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scene files of clshade's own: every field comes back bit for bit, and everything else is refused in one line."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The built-in scenes: counts, orientation, closed surfaces, determinism; Newell's teapot against its patches."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Triangulation of polygons: preserved area, winding and edges, on concave, degenerate and very large polygons."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 

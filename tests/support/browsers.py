@@ -1,7 +1,5 @@
 """Headless Chromium, and pages in it that record what goes wrong."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import time

@@ -1,7 +1,5 @@
 """Meshes that cast shadows, and points on them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 Array = np.ndarray

@@ -1,7 +1,5 @@
 """A Dask scheduler and workers in child processes, on loopback."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """The command line for tests, in this process and in a child process."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

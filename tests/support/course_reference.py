@@ -1,7 +1,5 @@
 """The course's functions in plain float64, written from the formulas, and error bounds for float32."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The OpenCL devices that tests run on: all that work, or those whose platform's name contains
 CLSHADE_TEST_PLATFORM."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """A light of each kind, in which every field has another value than its default."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING, fields
 
 import numpy as np

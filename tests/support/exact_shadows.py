@@ -1,8 +1,6 @@
 """Shadows in exact integer arithmetic, by the definition in kernels/shadow_predicate.clh: `dark`, `lit`, or `either` where a
 determinant is within twice the kernel's bound without being 0."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Golden hashes of images, and how the images are drawn."""
 
-from __future__ import annotations
-
 from devices import rendered
 
 import clshade

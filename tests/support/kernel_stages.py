@@ -1,7 +1,5 @@
 """Kernels on given arrays: feature masks by keyword, probes of single device functions, and single stages."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

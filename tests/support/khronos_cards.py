@@ -4,8 +4,6 @@ Cells are unit squares that face +z: column c, row r has its center at (c, -r, 0
 green all over where a renderer is right, and partly red where it is wrong; `wrong` writes a file whose settings are.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A scene with every feature that layers show, and scenes that take all ways to a frame."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

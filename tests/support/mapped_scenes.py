@@ -1,7 +1,5 @@
 """Scenes with maps of shader pbr."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

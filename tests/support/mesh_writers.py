@@ -1,7 +1,5 @@
 """Small glTF, PLY and STL files for the tests, written according to the formats' specifications."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -4,8 +4,6 @@
 `planted`: kernels with one error each. Prints a line of JSON: the kernels that ran, and the largest color error.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -4,8 +4,6 @@ A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]`
 such as `clshade.pipeline.frame.Frame`. Shape, type and finiteness are checked before any value.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

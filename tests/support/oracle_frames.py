@@ -1,7 +1,5 @@
 """Frames that the oracle draws."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clshade import oracle

@@ -1,7 +1,5 @@
 """HTML pages as browsers read them, for tests."""
 
-from __future__ import annotations
-
 import base64
 import io
 from dataclasses import dataclass, field
@@ -19,10 +17,10 @@ class Node:
 
     tag: str
     attributes: dict[str, str]
-    inside: list[Node] = field(default_factory=list)
+    inside: list["Node"] = field(default_factory=list)
     text: str = ""
 
-    def all(self, tag: str = "") -> list[Node]:
+    def all(self, tag: str = "") -> list["Node"]:
         """Return the elements within, of one tag or of all, in the order of the page."""
         elements = [element for node in self.inside for element in (node, *node.all())]
         return [element for element in elements if not tag or element.tag == tag]

@@ -1,7 +1,5 @@
 """Python code in child processes with a minimal environment."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Small scene files for the tests of loading, and the form of a refusal."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import struct

@@ -1,8 +1,6 @@
 """Shadow rays through the hierarchy of casters, and against all triangles one by one: from receivers to a light, and to
 points of their own, which are a fan of rays."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

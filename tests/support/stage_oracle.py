@@ -1,7 +1,5 @@
 """What the oracle says of the stages up to ownership, of snapped triangles and depths as the kernels see them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clshade.oracle import clip, coverage, frame

@@ -1,7 +1,5 @@
 """Measurements of meshes for tests of the built-in scenes: normals, volumes, seams, borders."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clshade.scene.model import Mesh, Scene

@@ -1,7 +1,5 @@
 """Tone maps in float64, written as the formulas read. See `clshade.images.tonemap` for their sources."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clshade.base.arrays import Bytes, Floats, Reals

@@ -1,7 +1,5 @@
 """Cameras of all kinds, and points around their focal points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clshade.scene.camera import Camera
