@@ -157,7 +157,7 @@ def test_little_is_imported_before_interrupts_are_handled(tmp_path):
     assert done.stdout == "False\n", done.stderr
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_killed_while_writing(folder, cache, number):
     """A temporary file may stay: the next process to write there an hour later removes it."""

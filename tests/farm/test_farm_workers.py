@@ -162,7 +162,7 @@ def descendants(pid: int) -> list[int]:
     return pids
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @needs_proc
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, number):

@@ -141,6 +141,7 @@ def results_with(opened, tmp_path, monkeypatch):
     return run_with
 
 
+@pytest.mark.long
 def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, results_with):
     planted = "os.write(1, b'{') and text.replace('k < a[i]', 'k < 3')"
     wrong = f"programs.compiled = lambda device, text, options: compiled(device, {planted}, options)"

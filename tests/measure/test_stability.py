@@ -368,6 +368,7 @@ def command(capsys, tmp_path, monkeypatch):
 
 
 @needs_device
+@pytest.mark.long
 def test_the_command_of_a_scene(command, tmp_path, monkeypatch):
     code, out, err = command("32x24")
     assert code == 0, err
