@@ -101,7 +101,7 @@ def errors(folder: str, scene: str) -> Iterable[list[Any]]:
     """Return the variants of `report` to which no faster one is equal in error, fastest first."""
     run_clshade(folder, "report", scene, "--resolution", "320,240", "--out", folder)
     document = json.loads(Path(folder, "report.json").read_text())
-    yield [scene, "ms", "RMSE"]
+    yield [os.path.basename(scene), "ms", "RMSE"]
     front = [variant for variant in document["variants"] if variant["name"] in document["pareto_front"]]
     for variant in sorted(front, key=lambda variant: variant["ms"]):
         yield [variant["settings"] or "1 sample", f"{variant['ms']:.3g}", f"{variant['rmse']:.2g}"]
