@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from clshade.errors import OutputError
-from clshade.images import exr, figures
+from clshade.images import exr, figures, statistics
+from clshade.images.decode import srgb_to_linear
 from clshade.images.figures import NOTHING, thumbnails
 from clshade.images.image_file import color_group, group_channels
 
@@ -98,6 +99,21 @@ def test_directions_and_positions():
     assert (pixels[0] == 0).all()
     # Half's ulp:
     assert np.abs(pixels[1:].astype(float) - 255 * (normals[1:] + 1) / 2).max() <= 0.5 + 255 / 2 * 2.0**-11
+
+
+def test_a_color_beside_the_image_is_shown_as_it_is():
+    codes = np.uint8([[[0, 99, 255], [1, 2, 3]]])
+    linear = srgb_to_linear(codes / 255.0)
+    for encoded, channels in ((True, codes / 255.0), (False, linear)):
+        flat = exr.flatten({"rgb": np.zeros(channels.shape), "albedo": channels})
+        assert thumbnails(flat, encoded=encoded)["albedo"].pixels.tolist() == codes.tolist()
+
+
+def test_luminances_without_stops_have_colors_of_their_own():
+    pixels = statistics.false_colors(np.array([[0.0, -1.0, np.inf, np.nan, 0.5, 2.0]]), -1.0, 1.0).pixels[0]
+    special = statistics.BLACK, statistics.BLACK, statistics.INFINITE, statistics.NAN
+    assert [tuple(pixel) for pixel in pixels[:4].tolist()] == [*special]
+    assert pixels[4].argmax() == 2 != pixels[5].argmax()  # blue at the low end
 
 
 def test_texture_coordinates_repeat():
