@@ -52,7 +52,12 @@ def content(path) -> dict:
     document = json.loads(data[20 : 20 + size])
     if "buffers" in document:
         assert struct.unpack_from("<I4s", data, 20 + size) == (document["buffers"][0]["byteLength"], b"BIN\0")
-    assert all(view["byteOffset"] % 4 == 0 for view in document.get("bufferViews", ()))
+    views = document.get("bufferViews", ())
+    assert all(view["byteOffset"] % 4 == 0 for view in views)
+    for part in (part for mesh in document.get("meshes", ()) for part in mesh["primitives"]):
+        for target, index in ((34963, part["indices"]), *((34962, index) for index in part["attributes"].values())):
+            assert views[document["accessors"][index]["bufferView"]]["target"] == target
+    assert not any("target" in views[image["bufferView"]] for image in document.get("images", ()))
     return document
 
 
