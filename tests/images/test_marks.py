@@ -103,3 +103,16 @@ def test_refused_crops(crop, part):
     with pytest.raises(InputError, match=part):
         Crop(*crop).check("--crop-zoom", 60, 40)
     Crop(54, 34, 6, 6, 64).check("--crop-zoom", 60, 40)
+
+
+def test_texts_of_a_sheet_stand_in_the_middle():
+    """Of the sheet its heading, of each panel title and caption; pictures lie at the places of `Layout.corner`."""
+    layout = marks.Layout(across=2, panel=90)
+    sheet = marks.compose_sheet([marks.Panel(np.zeros((40, 90, 3), np.uint8), "HOH", "HOH")] * 3, "HOH", layout)
+    for k in range(3):
+        x, y = layout.corner(k, 40)
+        assert not sheet[y : y + 40, x : x + 90].any()
+        for text in (sheet[y - layout.title : y - 2, x : x + 90], sheet[y + 42 : y + layout.caption, x : x + 90]):
+            assert np.nonzero((text < 128).any(axis=(0, 2)))[0].mean() == pytest.approx(45, abs=3)
+    heading = np.nonzero((sheet[: layout.head - 2] < 128).any(axis=(0, 2)))[0]
+    assert heading.mean() == pytest.approx(sheet.shape[1] / 2, abs=3)
