@@ -104,6 +104,12 @@ def test_bilerp_on_a_wide_texture_is_exact_between_texels_and_sees_a_change():
 # Normals
 
 
+def test_normals_of_a_cube_corner():
+    verts = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]).T
+    faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3]]).T
+    assert np.allclose(course.calculate_normals(verts, faces)[:, 0], -np.ones(3) / np.sqrt(3), rtol=1e-14)
+
+
 @few
 @given(seed=st.integers(0, 2**32 - 1))
 def test_normals_are_sums_of_cross_products(seed):

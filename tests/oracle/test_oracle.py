@@ -209,6 +209,13 @@ def test_depths_much_nearer_than_a_corner_keep_their_digits(orthographic):
     assert abs(Fraction(float(shade.depth(np.array(e), np.array(z), orthographic))) / exact - 1) < 8 * 2.0**-53
 
 
+def test_barycentrics_and_depth_at_the_middle_of_an_edge():
+    edges, z = np.array([5, 5, 0]), np.array([1.0, 3.0, 7.0])
+    assert shade.barycentrics(edges, z, "affine").tolist() == [0.5, 0.5, 0]
+    assert close(shade.barycentrics(edges, z, "perspective"), [0.75, 0.25, 0], atol=1e-16)
+    assert shade.depth(edges, z) == pytest.approx(1.5, rel=1e-15)  # harmonic mean of 1 and 3
+
+
 def lit(normal=(0, 0, 1), color=1.0, eye=(0, 0, 2), l_pos=(0, 0, 5), kd=0.5, ks=0.0, n=1.0):
     """Return the light of a light of intensity 2, and ambient light of 0.1."""
     args, one = (np.array(v, float) for v in ((0, 0, 0), normal, eye)), np.ones(3)

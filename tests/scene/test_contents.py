@@ -50,7 +50,7 @@ def test_instances_and_meshes():
     two[1, :3, :3] = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0] * (1.0, 2.0, 3.0)
     two[1, 0, 3] = 9.0
     facts = surface_facts(Scene((Mesh(CUBE, FACES, instances=two), Mesh(CUBE + (1.0, 0.0, 0.0), FACES))))
-    assert facts.area == pytest.approx(6.0 + 22.0 + 6.0)
+    assert facts.area == pytest.approx(6.0 + 22.0 + 6.0, rel=1e-9)
     assert (facts.vertices, facts.triangles, facts.positions, facts.shapes) == (24, 36, 20, 2)
     assert (facts.boundary_edges, facts.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
 

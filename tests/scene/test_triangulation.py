@@ -217,7 +217,7 @@ def test_polygons_that_cross_themselves(count, seed, digits):
     assert np.array_equal(triangles, cut_one(verts))
     assert_edges_are_met(count, triangles)
     area = newell(verts)
-    assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-9)
+    assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-12)
     over = [np.maximum(-(vector_areas(verts, t) @ area), 0).sum() for t in (triangles, np.array(fan(count)))]
     assert over[0] <= over[1] + 1e-9
 
