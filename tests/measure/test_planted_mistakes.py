@@ -78,7 +78,6 @@ def missed(count: int, together: int) -> list[str]:
 
 @pytest.mark.long
 @needs_device
-@pytest.mark.parametrize(("count", "together", "most"), [(60, 1, 1), (15, 2, 0)])
-def test_most_planted_mistakes_are_named_first(count, together, most):
-    lines = missed(count, together)
-    assert len(lines) <= most, lines
+@pytest.mark.parametrize(("count", "together"), [(60, 1), (15, 2)])
+def test_planted_mistakes_are_named_first(count, together):
+    assert missed(count, together) == []
