@@ -22,7 +22,6 @@ if __name__ == "__main__":
     interrupts.leave_soon()  # the rest takes long to import
 
 import khronos_cards as cards  # noqa: E402
-import khronos_surfaces as surfaces  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
@@ -33,22 +32,19 @@ from clshade.scene.adjust_camera import named_cameras  # noqa: E402
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
 SCENES = {
     "metal_rough_spheres": (
-        surfaces.metal_rough_spheres,
+        cards.metal_rough_spheres,
         "rougher to the right: metals, dielectrics,\nmetals by textures",
     ),
-    "normal_tangent": (surfaces.normal_tangent, "domes of geometry, and of a normal map:\nturned, mirrored, in halves"),
+    "normal_tangent": (cards.normal_tangent, "domes of geometry, and of a normal map:\nturned, mirrored, in halves"),
     "normal_tangent_mirror": (
-        partial(surfaces.normal_tangent, tangents=True),
+        partial(cards.normal_tangent, tangents=True),
         "the same with the file's tangents",
     ),
-    "negative_scale": (surfaces.negative_scale, "sides, geometry and a normal map under\nmirroring nodes"),
     "texture_settings": (cards.texture_settings, "wrap modes along u and v, filters, sides"),
     "alpha_modes": (cards.alpha_modes, "cutoffs at alpha and one step above it,\nmixtures of red and green"),
     "multi_uv": (cards.multi_uv, "base color, emission and occlusion by the\nsecond set of coordinates"),
     "vertex_colors": (cards.vertex_colors, "colors at vertices, and as a factor"),
     "emissive_strength": (cards.emissive_strength, "each twice as strong as the one before"),
-    "orientation": (cards.orientation, "cubes turned by quaternions, matrices and\ntwo nodes, white at the top left"),
-    "punctual_lights": (surfaces.punctual_lights, "a point with a range, a spot, a sun, a lamp"),
     "wrong_settings": (partial(cards.texture_settings, wrong=True), "texture_settings with wrong ones: how it fails"),
 }
 
