@@ -24,9 +24,6 @@ from clshade.pipeline.opencl.device import Device, open_device
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("POCL_AFFINITY", "0")  # pinned threads of several processes would get in each other's way
 
-hypothesis.settings.register_profile("unhurried", deadline=None)  # other processes take their time from an example
-hypothesis.settings.load_profile("unhurried")
-
 draw._MOST_LIT = 0  # no program for one scene alone
 os.environ[ahead.AHEAD] = "0"
 program_store.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
@@ -79,6 +76,10 @@ def programs_needed() -> int:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    examples = 30 if config.option.markexpr == "not long" else 100
+    # Without a deadline: other processes take their time from an example.
+    hypothesis.settings.register_profile("of this run", max_examples=examples, deadline=None)
+    hypothesis.settings.load_profile("of this run")
     config.option.loadscopereorder = False  # pytest-xdist's: files with many tests, however quick, would begin first
 
 
@@ -103,10 +104,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before fixtures
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Every day, build kernels without optimization, which takes half the time, twice the memory, and gives the same bits.
-    With long tests, and in tests whose subject is the compiler, they are built as for users."""
-    quick = item.config.option.markexpr == "not long" and item.get_closest_marker("optimized") is None
-    os.environ[programs.QUICK] = "1" if quick else ""
+    """Build kernels without optimization, as for a first picture, which takes half the time, twice the memory, and gives
+    equal bits: golden images, and tests whose subject is the compiler, build them as for all further pictures."""
+    os.environ[programs.QUICK] = "" if item.get_closest_marker("optimized") else "1"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from kernel_stages import Pipeline, boxes_of, samples_at
 from stage_oracle import hull, seen_from
@@ -153,7 +153,6 @@ def keys_of(depth: np.ndarray, bits: int = 24, first: int = 0) -> np.ndarray:
     return np.array(keys, np.uint64).reshape(-1)
 
 
-@settings(max_examples=200)
 @given(
     st.lists(st.sampled_from(DEPTHS), max_size=40),
     st.sampled_from([0, 2**24 - 20, 2**24, 2**25 - 1, 2**28, 2**29 - 40]),
@@ -168,7 +167,6 @@ def test_nearest_first_then_the_later_face(values, first, seed):
     assert (order - first).tolist() == np.lexsort((-np.arange(len(depth)), depth)).tolist()
 
 
-@settings(max_examples=100)
 @given(st.lists(st.tuples(st.sampled_from(NEAR_ONE), st.integers(0, 5)), max_size=30))
 def test_pieces_are_ordered_by_their_face(rows):
     """A clipped face's pieces have their own indices; for equal depths the face decides, not the index."""

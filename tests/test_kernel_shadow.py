@@ -71,7 +71,7 @@ def test_a_flat_mesh_casts_no_shadow_on_itself(device, turned, light):
         assert not hierarchy.shadowed(*points, np.array(light)).any()
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("units", [RECEIVER_UNITS, 1, RECEIVER_UNITS + 1])
 def test_receivers_off_their_plane(device, units):
     """To either side: by as much as rounding may move them, on a flat mesh, they are as if they were on it."""

@@ -121,7 +121,7 @@ def assert_ends_soon(process: subprocess.Popen[str], cache: Path | None = None) 
     assert time.perf_counter() - sent < 15.0
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("hook", HOOKS.values(), ids=HOOKS)
 def test_an_interrupt_while_python_cannot_handle_it(folder, cache, hook):
     assert_ends_soon(start(folder, cache, hook), cache)
@@ -179,9 +179,10 @@ def undisturbed(opened, tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-@pytest.mark.parametrize("share", [0.05, 0.4, 0.8, 0.95])
-def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
+@pytest.mark.parametrize(
+    ("share", "number"), [(0.05, signal.SIGKILL), (0.4, signal.SIGINT), (0.8, signal.SIGKILL), (0.95, signal.SIGINT)]
+)
+def test_stopped_at_any_moment(undisturbed, folder, tmp_path, share, number):
     """share: fraction of a run's time. Each file is the earlier or the new one, complete; after an interrupt all alike."""
     seconds, expected = undisturbed
     process = start(folder, tmp_path / "cache")

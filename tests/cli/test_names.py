@@ -69,7 +69,7 @@ class Terminal(io.TextIOWrapper):
         return self.buffer.getvalue().decode(self.encoding)  # type: ignore[attr-defined]
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @needs_device
 def test_such_names_are_written_and_shown(monkeypatch, capsys, name):
     layer = name if "\udce9" not in name else "R"

@@ -166,6 +166,7 @@ def numbers(reports: list[Any], kind: type) -> list[int]:
     return sorted(number for report in reports if isinstance(report, kind) for number in getattr(report, "numbers", ()))
 
 
+@pytest.mark.long
 def test_no_more_frames_are_taken_than_there_are_threads_for(turned, tmp_path):
     taken: list[int] = []
 

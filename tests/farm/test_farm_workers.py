@@ -231,6 +231,7 @@ util.spawnv_passfds = slow
 """
 
 
+@pytest.mark.long
 def test_an_interrupt_waits_for_a_worker_that_starts(tmp_path):
     process = start(tmp_path, before=SLOW_START)
     _, err = process.communicate(timeout=180)

@@ -22,6 +22,7 @@ SPECIAL = [0, 1 << 31, 1, 0x80000001, 0x7FFFFF, 0x7F800000, 0xFF800000, 0x7FC000
 SPECIAL += [int(np.float32(1e6).view(np.uint32)), 0x7F7FFFFF]
 BITS = np.concatenate([np.array(SPECIAL, np.uint32), np.random.default_rng(3).integers(0, 2**32, 5000, np.uint32)])
 CAMERA = Camera((1.0, 2.0, 3.0), (-0.5, 0.25, -4.0), (0.2, 1.0, 0.1), 2.0, (1.5, 1.0), (40, 30))
+LONG_SHAPES = (1, 16384), (16384, 1)
 
 
 def noise(shape, dtype=np.float32):
@@ -40,7 +41,7 @@ def path(tmp_path):
 
 
 @pytest.mark.parametrize("compression", [name for name in exr.COMPRESSIONS if name not in exr.LOSSY])
-@pytest.mark.parametrize("shape", [(1, 1), (67, 75), (1, 16384), (16384, 1)])
+@pytest.mark.parametrize("shape", [(1, 1), (67, 75), *(pytest.param(s, marks=pytest.mark.long) for s in LONG_SHAPES)])
 def test_round_trip_bit_for_bit(path, compression, shape):
     names = ["R", "G", "B", "A", "Z", "N.X", "uv.V"] if max(shape) < 100 else ["R", "Z"]
     planes = {name: np.roll(noise(shape), k) for k, name in enumerate(names)}

@@ -77,6 +77,7 @@ def test_the_tables_hold_what_was_measured(tmp_path):
     assert [rows[0][name] for name in ("gb_s", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
 
 
+@pytest.mark.long
 def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, folder, monkeypatch):
     for module in (workloads, bench):
         monkeypatch.setattr(module, "WORKLOADS", WORKLOADS)
@@ -175,7 +176,7 @@ def test_without_moderngl_nothing_is_measured(opened, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("context")
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 def test_images_are_compared_before_times(opened, capsys, monkeypatch, factor):
     draw = OpenGL.draw

@@ -91,7 +91,7 @@ runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "right", "fault"), [
     ("max_int", "{max(a, b)}", "{max(a, b + 1)}"),
     ("count", "atomic_add(out + 3, x[item]);", ""),
@@ -171,6 +171,7 @@ def test_a_launch_that_does_not_end_is_one_line(opened, results_with):
     assert result.problem == "does not end within 5 s"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("code", "problem"), [
     ("", "exit code 0"),
     ("1 / 0", "exit code 1: ZeroDivisionError: division by zero"),
@@ -181,6 +182,7 @@ def test_a_process_that_ends_too_early_is_a_failure(results_with, code, problem)
     assert results[0].problem == f"ends the process: {problem}"
 
 
+@pytest.mark.long
 def test_every_group_has_tests_and_the_card_tells_of_all(opened):
     for group in GROUPS:
         for part in parts_of(group, opened.has_fp64):

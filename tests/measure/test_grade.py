@@ -356,6 +356,7 @@ def test_a_folder_that_cannot_be_read_is_an_error(tmp_path, monkeypatch):
 GIVEN = ("course", "--resolution", f"{SIZE},{SIZE}")
 
 
+@pytest.mark.long
 def test_the_command(tmp_path, capsys):
     place, out = tmp_path / "in", tmp_path / "marked.png"
     place.mkdir()

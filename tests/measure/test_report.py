@@ -33,6 +33,7 @@ from clshade.scene.description import part_digests
 from clshade.scene.model import Settings
 
 
+@pytest.mark.long
 def test_measured_errors_are_those_of_the_images(device):
     """A planted error in the reference is found, and not attributed to the image's own arithmetic."""
     scene = sphere()
@@ -120,6 +121,7 @@ INSIDE = ("#", "data:image/png;base64,", "data:image/svg+xml;base64,")
 HOSTILE = '<script>alert("x")</script>&$1$\x1b[31m\u202e'
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("measured")
 def test_run_writes_all(studied, device, capsys, tmp_path, monkeypatch):
     named = replace(studied, scene=replace(studied.scene, name=HOSTILE))

@@ -112,6 +112,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(auto_settings, "FRAMES", 2)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_render_obeys(device, capsys, tmp_path):
     command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
@@ -252,6 +253,7 @@ def thin(monkeypatch):
 SHAPE = (200, 136)  # not multiples of a tile's side
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("thin")
 def test_the_windows_are_the_image(device):
     """Bit by bit, also of the reference; the estimates hold the errors of the whole image."""

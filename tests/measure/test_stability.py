@@ -133,6 +133,7 @@ def test_a_failing_case_shows_pictures_and_why(monkeypatch, device, capsys, tmp_
     assert rows[1]["stressed"] == "nothing"
 
 
+@pytest.mark.long
 def test_the_command_line(monkeypatch, capsys, tmp_path, device):
     assert run(capsys, "stability", "--list")[1].count("\n") == len(CASES)
     chosen = ["stability", "--device", device.index, "--out", tmp_path / "out", "--case", "equal-depth", "22b"]

@@ -171,6 +171,7 @@ def test_the_next_device_is_taken_when_the_first_cannot_be_opened(probed, monkey
         device.open_device("pocl")
 
 
+@pytest.mark.long
 def test_a_test_that_began_early_is_not_late_for_a_frame_for_which_it_waits(probed, monkeypatch):
     probed(f"import sys; assert sys.stdin.read() == 'trial'; {WORKS}")
     probe.start(POCL)

@@ -371,7 +371,7 @@ STIFF = {
     "a pixel": sized(1, 1, **LINES),
     "a column": sized(1, 37, samples=4),
     "a row": sized(333, 1),
-    "lines at 60 samples": Row(stage, {"samples": 60, **LINES}),
+    "lines at 60 samples": sized(23, 19, samples=60, **LINES),
     "lines cross the near plane": Row(lambda: measured(camera=replace(CAMERA, eye=(0.5, -0.9, 1.4))), LINES),
     "lines in a wide image": sized(333, 24, edges="all"),
     "wide lines": sized(17, 33, edges=Edges("all", width=40)),
@@ -439,7 +439,7 @@ def test_an_error_is_noticed(device, name, number):
     assert pictures[2].max() == 255
 
 
-@every_row
+@pytest.mark.parametrize("name", [*EVERY_DAY, *(marked(name, long=True) for name in LONG if name in OF_OTHER_PROGRAMS)])
 def test_all_features_forced_change_no_bit(device, name):
     lean, full = drawn(device, name), draw(device, name, forced=OPTIONAL)
     assert not full.stats["left_out"]

@@ -87,7 +87,7 @@ def test_occlusion_maps_keep_the_environment_away(device):
     np.testing.assert_array_equal(full, draw(device, scene).rgb)
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("roughness", [0.2, 0.0, 1.0])
 def test_a_white_furnace_loses_what_single_scattering_loses(device, roughness):
     frame = draw(device, ball(roughness, 1.0, WHITE, color=1.0), layers=("Z", "id", "N", "P"))

@@ -244,6 +244,7 @@ def test_a_build_is_tried_again_without_options_that_are_refused(opened, monkeyp
     assert programs.compiled(opened, "", ["-DA", programs._LESS_OPTIMIZED]) == "built"
 
 
+@pytest.mark.long
 def test_a_warning_of_the_compiler_is_said_and_fails_a_test(opened, tmp_path, monkeypatch, capfd):
     """By `unwarned` in conftest.py. PoCL keeps the log with a program, which warns again when it is loaded."""
     place = tmp_path / "program"

@@ -161,6 +161,7 @@ def roofed(light, material: Material = GLOSSY) -> Scene:
     return replace(floor, meshes=(*floor.meshes, replace(roof, material=material)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("far", [1e18, 1e20, 1e25])
 def test_a_sphere_so_far_away_that_it_counts_as_directional_casts_a_penumbra(device, far):
     """Half as large as it is far away, above a scene 1e-12 across: each of its points has its own direction."""

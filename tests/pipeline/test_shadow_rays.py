@@ -98,7 +98,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> list[tup
     return [*((e, False) for e in ends), (around, True), (around * 0.05 + around[:, :1], True)]
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @each_mesh
 def test_rays_to_a_light_are_the_same_as_one_by_one(device, mesh):
     hierarchy = Hierarchy(device, *mesh)

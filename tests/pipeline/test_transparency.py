@@ -96,6 +96,7 @@ def test_of_layers_in_one_plane_the_later_is_nearer(device, turned):
     assert (draw(device, scene(wall, meshes[0])).rgba[6:14, 8:12] == [0.5, 0, 0.5, 1]).all()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("orthographic", "tilt", "planes"), [(False, 0.0, 1), (True, 1 / 64, 1), (True, 1 / 64, 2), (True, 0.0, 300)]
 )

@@ -47,6 +47,7 @@ def test_every_instance_counts_and_no_vertex_without_a_face():
     assert (high.max(), *low) == pytest.approx((FILL, *-high), abs=0.01)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("orthographic", [False, True])
 @pytest.mark.parametrize("resolution", [(80, 60), (60, 80)])
 def test_a_turntable_cuts_nothing_and_wastes_nothing(orthographic, resolution):

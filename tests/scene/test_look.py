@@ -150,6 +150,7 @@ def test_instances_cast_shadows_as_meshes_do():
     assert np.array_equal(shadow_of(FOOT, post, high), shadow_of(FOOT, post))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("u", [np.nan, np.inf, 3e38, -1e300])
 def test_texture_coordinates_without_a_meaning_do_no_harm(u):
     material = Material(texture=Texture(HALF, wrap="mirror"), blend=True)

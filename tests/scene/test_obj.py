@@ -113,7 +113,7 @@ def random_text(rng: np.random.Generator) -> str:
 def test_against_the_obvious_parser(monkeypatch, chunk):
     monkeypatch.setattr(text_tokens, "CHUNK", chunk)
     rng = np.random.default_rng(chunk)
-    for _ in range(12):
+    for _ in range(5):
         text = random_text(rng)
         verts, uvs, normals, polygons = plain(text)
         parsed = ObjText(text.encode(), "x.obj")

@@ -95,7 +95,7 @@ def prepare() -> None:
 
 def scenes() -> list[tuple[Scene, dict[str, Any]]]:
     """Return small scenes that run all kernels, and all branches that a feature enables."""
-    camera = Camera((0.3, 0.2, 3.0), (0.05, 0, 0), (0, 1, 0), 1.3, (1.0, 1.3), (27, 20))
+    camera = Camera((0.3, 0.2, 3.0), (0.05, 0, 0), (0, 1, 0), 1.3, (1.0, 1.3), (19, 14))
     rng = np.random.default_rng(4)
     image = rng.uniform(0, 1, (3, 5, 4)).astype(np.float32)
     corners = rng.uniform(-0.5, 2.0, (36, 2))

@@ -293,6 +293,7 @@ for number in range(20):
 """
 
 
+@pytest.mark.long
 def test_processes_that_renew_one_library_at_once_lose_nothing(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", WRITER]
@@ -332,6 +333,7 @@ def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch)
     pytester.runpytest_subprocess("-pno:hypothesispytest", "-pno:anyio").assert_outcomes(passed=1)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plugin", ["regressions", "others"])
 def test_another_plugin_keeps_its_fixture_of_the_same_name(pytester, run, plugin):
     test = "def test(image_regression, clshade_image_regression):\n    assert {} == clshade_image_regression\n"

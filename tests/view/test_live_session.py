@@ -58,21 +58,25 @@ def sized(columns: int, rows: int) -> list[dict]:
 ROOM = (*SMALL, "--samples", "1")
 INPUTS = [
     (ROOM, [{"type": "orbit", "right": 20.0, "up": 5.0}]),
-    (ROOM, [{"type": "pan", "right": 0.2, "up": -0.1}]),
-    (ROOM, [{"type": "dolly", "factor": 0.5}]),
     (ROOM, [{"type": "fly", "right": 0.1, "up": 0.0, "forward": 0.2}]),
     (ROOM, [{"type": "set", "lights": [0.5, 1.0]}]),
     (("teapot",), sized(61, 40)),
     (("a.obj",), sized(30, 40)),
     (("a.glb",), [*sized(61, 40), {"type": "orbit", "right": 10.0}]),
     (("teapot", *ROOM[1:]), [{"type": "set", "ground": True, "shadows": True, "lights": [0.3, 1.0, 0.0]}]),
+]
+MORE_INPUTS = [
+    (ROOM, [{"type": "pan", "right": 0.2, "up": -0.1}]),
+    (ROOM, [{"type": "dolly", "factor": 0.5}]),
     (("teapot", *ROOM[1:]), [{"type": "set", "shader": "pbr", "environment": "studio", "background": "environment"}]),
     (("icosphere", *ROOM[1:]), [{"type": "set", "ground": True, "background": "#336699", "ambient_occlusion": 16}]),
     (("a.obj", *ROOM[1:]), [{"type": "set", "shader": "pbr", "environment": "none", "ground": True}]),
 ]
 
 
-@pytest.mark.parametrize(("arguments", "messages"), INPUTS, ids=str)
+@pytest.mark.parametrize(
+    ("arguments", "messages"), [*INPUTS, *(pytest.param(*row, marks=pytest.mark.long) for row in MORE_INPUTS)], ids=str
+)
 def test_an_input_gives_another_picture_and_its_command_draws_it(folder, arguments, messages):
     write(folder / "a.obj", TRIANGLE + "f 1 2 3\n")
     if arguments[0] == "a.glb":
