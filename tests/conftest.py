@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -80,6 +81,7 @@ def pytest_configure(config: pytest.Config) -> None:
     # Without a deadline: other processes take their time from an example.
     hypothesis.settings.register_profile("of this run", max_examples=examples, deadline=None)
     hypothesis.settings.load_profile("of this run")
+    gc.disable()  # while thousands of tests are collected, which stay
     config.option.loadscopereorder = False  # pytest-xdist's: files with many tests, however quick, would begin first
 
 
@@ -95,6 +97,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if "PYTEST_XDIST_WORKER" in os.environ:
         place = {ROOT / "tests" / name: place for place, name in enumerate(LONGEST)}
         items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
