@@ -78,6 +78,6 @@ def missed(count: int, together: int) -> list[str]:
 
 @pytest.mark.long
 @needs_device
-@pytest.mark.parametrize(("count", "together"), [(24, 1), (6, 2)])
+@pytest.mark.parametrize(("count", "together"), [(15, 1), (4, 2)])
 def test_planted_mistakes_are_named_first(count, together):
     assert missed(count, together) == []

@@ -364,7 +364,7 @@ def written(path: Path, files: Files, half: bool) -> None:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(("count", "half"), [(16, True), (30, False), (160, False)])
+@pytest.mark.parametrize(("count", "half"), [(16, True), (30, False), (100, False)])
 def test_changes_are_found(tmp_path, count, half):
     """Those of half floats are beyond what half hides. One after another of each kind is planted."""
     planting = Planting(tmp_path, half)
