@@ -35,6 +35,7 @@ def test_the_same_figure_gives_the_same_bytes(kind, tmp_path):
         figures.save(figures.blank(1.0, 1.0), tmp_path / "none" / f"a.{kind}")
 
 
+@pytest.mark.long
 def test_pdf(tmp_path):
     """Fonts are embedded as TrueType; pictures are compressed, and as large as the page shows them."""
     figures.save(drawn(), tmp_path / "a.PDF")

@@ -106,6 +106,7 @@ def test_sizes_and_layouts(shape):
 COLORS = np.exp(np.random.default_rng(3).uniform(-9, 5, (40, 30, 3)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("operator", JOINT)
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 def test_colors_of_joint_operators(operator, dtype):

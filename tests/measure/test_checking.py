@@ -84,6 +84,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", PLANTED)
 def test_wrong_owners_coverage_depths_and_values_that_are_not_finite(name):
     frame, (spoil, is_wrong) = teapot_frame(), PLANTED[name]

@@ -197,6 +197,7 @@ def test_every_group_has_tests_and_the_card_tells_of_all(opened):
     assert (document["device"]["index"], document["lanes"]) == (opened.index, 16)
 
 
+@pytest.mark.long
 def test_the_command(opened, capsys, tmp_path):
     code, out, _ = run(capsys, "conform", "--device", opened.index, "--only", "memory", "-o", tmp_path / "card")
     assert code == 0

@@ -196,7 +196,7 @@ def painted(scene: Scene, shader: str) -> np.ndarray:
     return image[::-1]
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize(("shader", "rounded"), [("phong", np.floor), ("gouraud", np.rint)])
 def test_a_student_s_own_code_is_right(shader, rounded):
     scene = course((80, 60), textured=False)

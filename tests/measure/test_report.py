@@ -152,6 +152,7 @@ def test_run_writes_all(studied, device, capsys, tmp_path, monkeypatch):
     assert len(page.all("img")) == 1
 
 
+@pytest.mark.sampled
 @pytest.mark.usefixtures("measured")
 def test_details_failures_and_limits_that_nothing_keeps(studied, device, capsys, tmp_path, monkeypatch):
     for details in (False, True):

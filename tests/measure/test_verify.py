@@ -95,7 +95,7 @@ def test_a_right_image_is_verified(tmp_path, options):
     assert clshade.verify(path, scene(), pixels="all").claim.startswith("0 of 4,800 pixels are wrong")
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "code"), [("icosphere", 1), ("teapot", 0)])
 def test_nothing_of_it_imports_opencl(tmp_path, name, code):
     drawn, settings = scenes.builtin("teapot"), Settings(layers=("Z", "id"))

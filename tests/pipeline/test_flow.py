@@ -232,6 +232,7 @@ def test_files(opened, frames, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "a.flo", "a.png"]
 
 
+@pytest.mark.long
 def test_the_command_line_writes_flow(opened, tmp_path, capsys):
     camera = {"eye": [0.5, 0, 4], "lookat": [0.5, 0, 0]}
     (tmp_path / "c.json").write_text(json.dumps([camera, {**camera, "fov": 20}]))

@@ -115,6 +115,7 @@ def test_an_eye_on_the_surface_and_normals_of_zero(device):
     assert np.isfinite(draw(device, replace(ball(0.1, 1.0, WHITE), camera=close)).rgb).all()
 
 
+@pytest.mark.long
 def test_lights_that_stand_in_give_way_to_the_studio(device):
     scene = ball(0.5, 0.0, None, lights=PointLight((2, 3, 4)), ambient=0.3, own_lights=False)
     frame = draw(device, scene)

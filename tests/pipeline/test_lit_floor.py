@@ -173,6 +173,7 @@ def test_a_sphere_so_far_away_that_it_counts_as_directional_casts_a_penumbra(dev
     assert len(np.unique(np.round(frame.rgb[..., 0], 3))) > 30
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shadows", [False, True])
 @pytest.mark.parametrize("radius", [1e17, 1e40])
 def test_a_sphere_far_larger_than_the_scene_turns_its_disc_toward_each_point(device, radius, shadows):

@@ -235,7 +235,7 @@ def test_frames_are_arrays_of_rgb_and_copied_only_when_asked_for(device, many):
         assert np.from_dlpack(array).ctypes.data == array.ctypes.data
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["rgba", "Z"])
 def test_memory_that_a_capsule_holds_is_not_recycled(device, name):
     """Once the frame is gone, a consumer of DLPack is all that refers to it; when that goes too, the next frame takes it."""

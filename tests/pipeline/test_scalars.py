@@ -112,6 +112,7 @@ def test_a_map_without_width_separates_what_is_below_and_above(device):
         assert (frame.rgb[8:-8, 8:-8] == np.float32(color)).all()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", [(48, 36), (3, 2), (40, 300)])
 def test_a_color_bar_leaves_the_image_as_it_is_and_files_name_the_scalars(opened, tmp_path, size):
     frame = drawn(opened, Scene((wave(), floor()), ASIDE.with_resolution(size), LIGHT), layers=("Z", "scalar"))

@@ -109,7 +109,7 @@ def test_rays_to_a_light_are_the_same_as_one_by_one(device, mesh):
             assert not len(wrong), (light, wrong[:9], in_shadow[wrong[:9]])
 
 
-@pytest.mark.sampled
+@pytest.mark.long
 @pytest.mark.parametrize("offset", [0.0, 1e9])
 @each_mesh
 def test_fans_are_the_same_as_one_by_one(device, mesh, offset):

@@ -68,6 +68,7 @@ CARDS: dict[str, tuple[tuple[Mesh, ...], float]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("cards", "expected"), CARDS.values(), ids=CARDS)
 def test_cards_multiply_what_they_let_pass(opened, cards, expected):
     share, place = shares(opened, *cards)

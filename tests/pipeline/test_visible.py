@@ -137,6 +137,7 @@ def test_nothing_and_refusals(opened):
             clshade.visible(Scene((), CAMERA), device=opened, **options)
 
 
+@pytest.mark.long
 def test_the_command_line_writes_the_table(opened, tmp_path, capsys):
     command = ("render", "quads", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
     for ending in ("csv", "json"):

@@ -244,6 +244,7 @@ WORST = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", WORST)
 def test_worst_cases_take_no_time(tmp_path, name):
     path, start = npy_of_pickle(tmp_path / "a.npy", WORST[name]), time.process_time()

@@ -103,6 +103,7 @@ CHECKERS[..., 3] = np.add.outer(np.arange(64), np.arange(64)) % 2
 WIDE = [(-1, 0.2, -1), (1, 0.2, -1), (1, 0.2, 1), (-1, 0.2, 1)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("fields", "alpha"),
     [

@@ -314,6 +314,7 @@ def test_a_library_that_stays_locked_or_is_a_folder(tmp_path, monkeypatch):
         image_regression.read_library(tmp_path / "a_images.json")
 
 
+@pytest.mark.long
 def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch):
     """Installed as a distribution with this entry point alone: found, loaded, and nothing heavy with it."""
     entry = re.escape(f'[project.entry-points.pytest11]\nclshade = "{PLUGIN}"\n')

@@ -44,6 +44,7 @@ def assert_same_images(folder: Path, name: str, **options) -> None:
         assert np.array_equal(png.read(folder / f"{name}.png", alpha=True), png.read(folder / "whole.png", alpha=True))
 
 
+@pytest.mark.sampled
 @needs_device
 @pytest.mark.parametrize("options", [{}, {"half": True, "compression": "piz"}, {"compression": "none"}])
 def test_a_poster_has_the_pixels_of_an_image_drawn_at_once(folder, options):
