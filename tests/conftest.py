@@ -111,9 +111,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before fixtures
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Every day, build kernels without optimization, which takes half the time, twice the memory, and gives equal bits."""
-    everyday = item.config.option.markexpr == "not long" and item.get_closest_marker("optimized") is None
-    os.environ[programs.QUICK] = "1" if everyday or item.get_closest_marker("unoptimized") else ""
+    """Every day, build kernels without optimization, which takes half the time, twice the memory, and gives the same bits.
+    With long tests, and in tests whose subject is the compiler, they are built as for users."""
+    quick = item.config.option.markexpr == "not long" and item.get_closest_marker("optimized") is None
+    os.environ[programs.QUICK] = "1" if quick else ""
 
 
 @pytest.fixture(scope="session", autouse=True)

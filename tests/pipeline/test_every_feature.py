@@ -34,8 +34,6 @@ from clshade.scene.material import MAPS, MetallicRoughness
 from clshade.scene.model import Material, Mesh, Scalars, Scene, Texture
 from clshade.scene.settings import Edges
 
-pytestmark = pytest.mark.unoptimized
-
 CAMERA = Camera((0.5, 1.1, 3.8), (0.0, -0.2, 0.0), (0.0, 1.0, 0.0), 1.2, (1.1, 1.43), (61, 47))
 PLAIN = Material(ka=0.1, kd=0.6, ks=0.4, n=20.0)
 Change = Callable[[Scene], Scene]

@@ -129,7 +129,7 @@ def test_planted_faults_are_seen(packages, tmp_path):
 
 @pytest.fixture(scope="module")
 def own_images(packages) -> list[str]:
-    """Return digests of the images as this processor's own kernels draw them, not optimized, which has the same bits."""
+    """Return digests of the images as the kernels for this processor draw them."""
     device = open_device("pocl")
     assert device.version.rpartition("gnu-")[2] not in ("", "generic")
     return [digest(test_every_feature.draw(device, name)) for name in SCENES + MORE_SCENES]
@@ -145,7 +145,6 @@ MODELS = {
 
 
 @pytest.mark.long
-@pytest.mark.unoptimized
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_for_another_processor_draw_the_same_bits(model, own_images, packages, tmp_path):
     target, library, names = MODELS[model]
