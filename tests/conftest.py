@@ -58,6 +58,10 @@ MOST_PROGRAMS, MOST_EVERY_DAY = 150, 60
 _began = time.time()
 
 
+def is_everyday(config: pytest.Config) -> bool:
+    return config.option.markexpr == "not long"
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     terminalreporter.write_line(f"{programs_needed()} different programs of OpenCL C")
 
@@ -65,7 +69,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     """Fail if more programs were needed than are allowed."""
-    limit = MOST_EVERY_DAY if session.config.option.markexpr == "not long" else MOST_PROGRAMS
+    limit = MOST_EVERY_DAY if is_everyday(session.config) else MOST_PROGRAMS
     if "PYTEST_XDIST_WORKER" not in os.environ and programs_needed() > limit and not exitstatus:
         print(f"\nexpected at most {limit} different programs of OpenCL C")
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
@@ -77,11 +81,10 @@ def programs_needed() -> int:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    examples = 30 if config.option.markexpr == "not long" else 100
+    examples = 30 if is_everyday(config) else 100
     # Without a deadline: other processes take their time from an example.
     hypothesis.settings.register_profile("of this run", max_examples=examples, deadline=None)
     hypothesis.settings.load_profile("of this run")
-    gc.disable()  # while thousands of tests are collected, which stay
     config.option.loadscopereorder = False  # pytest-xdist's: files with many tests, however quick, would begin first
 
 
@@ -99,9 +102,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect no garbage while thousands of tests are collected, which stay."""
+    gc.disable()
+    result = yield
     gc.freeze()
     gc.enable()
+    return result
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -113,7 +121,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Every day, build kernels without optimization, which takes half the time, twice the memory, and gives the same bits.
     With long tests, and in tests whose subject is the compiler, they are built as for users."""
-    quick = item.config.option.markexpr == "not long" and item.get_closest_marker("optimized") is None
+    quick = is_everyday(item.config) and item.get_closest_marker("optimized") is None
     os.environ[programs.QUICK] = "1" if quick else ""
 
 

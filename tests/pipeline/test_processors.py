@@ -75,12 +75,9 @@ MORE_SCENES = "shadows of a rectangle", "gouraud, course", "float64, scalars and
 DRAW = f"""{OPEN}
 import sys
 sys.path.append({str(Path(__file__).parent)!r})
-from test_every_feature import ROWS
-from clshade import Renderer
+from test_every_feature import draw
 from clshade.measure.digest import digest
-for name in {{}}:
-    with Renderer(ROWS[name].scene(), device=device, **{{{{"layers": ("Z", "id"), **ROWS[name].options}}}}) as renderer:
-        images.append(digest(renderer.render()))
+images = [digest(draw(device, name)) for name in sys.argv[1:]]
 """
 # A kernel that calls PoCL's library, and of which the compiler warns.
 PLANTED = f"""{OPEN}
@@ -105,10 +102,10 @@ OF_C = re.compile(rb"\0((?:fma|fmin|fmax|sqrt|rint|floor|ceil|trunc|round|exp2?|
 STEPS = ("clshade: trying out ", "clshade: compiling ")
 
 
-def drawn(code: str, cache: Path, **variables: str) -> dict:
+def drawn(code: str, cache: Path, *names: str, **variables: str) -> dict:
     """Return what a child process prints, its further messages, and the functions that compiled kernels call: of PoCL's
     library, and of the C library."""
-    done = python(code + FACTS, cache, timeout=1800.0, CLSHADE_DEVICE="pocl", **{QUICK: "", **variables})
+    done = python(code + FACTS, cache, *names, timeout=1800.0, CLSHADE_DEVICE="pocl", **{QUICK: "", **variables})
     assert done.returncode == 0, done.stderr
     compiled = [path.read_bytes() for path in cache.rglob("*.so")]
     return {
@@ -148,9 +145,7 @@ MODELS = {
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_for_another_processor_draw_the_same_bits(model, own_images, packages, tmp_path):
     target, library, names = MODELS[model]
-    report = drawn(
-        DRAW.format(names), tmp_path / "cache", **variables_of(target, library, packages, tmp_path / "packages")
-    )
+    report = drawn(DRAW, tmp_path / "cache", *names, **variables_of(target, library, packages, tmp_path / "packages"))
     assert report["images"] == own_images[: len(names)]
     assert (report["target"], report["warnings"], report["messages"], report["calls"]) == (target, [], [], set())
     assert report["of_c"] <= ({"fma"} if model == "nehalem" else set())  # of float64, without the instruction
