@@ -63,7 +63,7 @@ def test_planted_errors_are_found(tmp_path):
 
 @pytest.mark.parametrize("form", ["groups", "vectors"])
 def test_no_kernel_does_anything_undefined(tmp_path, form):
-    """Up to sixteen scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
+    """Every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and at pixels, an
     empty frame, edges, shadows, instances; the images are correct too."""
     report, log = oclgrind(tmp_path, form)
     assert log.strip() == ""

@@ -93,8 +93,8 @@ def prepare() -> None:
     triangle_source.LEAST_COPIES, triangle_source._BLOCK, triangle_source._BLOCK_OF_GPU = 1, 40, 40
 
 
-def scenes() -> list[tuple[Scene, dict[str, Any]]]:
-    """Return small scenes that run all kernels, and all branches that a feature enables."""
+def scenes(form: str) -> list[tuple[Scene, dict[str, Any]]]:
+    """Return small scenes that run all kernels; with vectors also all branches that a feature enables."""
     camera = Camera((0.3, 0.2, 3.0), (0.05, 0, 0), (0, 1, 0), 1.3, (1.0, 1.3), (19, 14))
     rng = np.random.default_rng(4)
     image = rng.uniform(0, 1, (3, 5, 4)).astype(np.float32)
@@ -116,26 +116,31 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
     places[1, 0, 0] = -0.7
     many = replace(both, meshes=(replace(front, instances=places), behind, replace(around, instances=places[:2])))
     flat = replace(camera, orthographic=True, plane=(3.0, 4.0), principal=(0.4, 0.55))
-    return [
+    each_kernel = [
         (both, {"shader": "phong"}),
         (both, {"shader": "gouraud"}),
         (both, {"shader": "nolight", "texture_filter": "trilinear"}),
         (textured, {"shader": "phong", "preset": "course"}),
-        (textured, {"shader": "gouraud", "preset": "course"}),
-        (unlit, {"shader": "gouraud"}),
-        (unlit, {"shader": "phong"}),
-        (plain, {"shader": "nolight", "interpolation": "affine", "cull": True}),
         (replace(both, camera=flat), {"shader": "phong", "visibility": "painter"}),
         (both, {"shader": "pbr"}),
         (lit.scene_of(camera=camera, meshes=()), {"shader": "phong"}),
         (many, {"shader": "phong"}),
-        (many, {"shader": "gouraud", "visibility": "painter"}),
         (both, {"shader": "phong", "edges": Edges("all", width=2.5)}),
-        (replace(both, camera=flat), {"shader": "gouraud", "edges": Edges("all"), "samples": 4}),
+        (replace(plain, camera=flat), {"shader": "gouraud", "edges": Edges("all"), "samples": 4}),
         (
             replace(both, lights=(replace(both.lights[0], radius=0.2),)),
             {"shader": "phong", "shadows": True, "light_samples": 2},
         ),
+    ]
+    if form == "groups":  # these take twice as long
+        return each_kernel
+    return [
+        *each_kernel,
+        (textured, {"shader": "gouraud", "preset": "course"}),
+        (unlit, {"shader": "gouraud"}),
+        (unlit, {"shader": "phong"}),
+        (plain, {"shader": "nolight", "interpolation": "affine", "cull": True}),
+        (many, {"shader": "gouraud", "visibility": "painter"}),
     ]
 
 
@@ -145,9 +150,7 @@ def draw(form: str) -> float:
     # Oclgrind 21.10 aborts at a vector of 16 composed of four of 4.
     device = replace(device, lanes=4) if form == "vectors" else replace(device, is_cpu=False, setup_run=1, lanes=1)
     worst = 0.0
-    # Groups take twice as long: they draw only what runs another kernel, or another branch.
-    chosen = scenes() if form == "vectors" else [row for k, row in enumerate(scenes()) if k not in (4, 5, 6, 7, 12)]
-    for scene, options in chosen:
+    for scene, options in scenes(form):
         with Renderer(scene, device=device, layers="all", **options) as renderer:
             for _ in range(2 if scene.background is None else 1):  # the second frame reuses all memory
                 frame = renderer.render()
